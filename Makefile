@@ -1,0 +1,24 @@
+# Every target prepares what it needs, on a machine where nothing but Python 3.11 or newer is installed.
+.DEFAULT_GOAL := help
+.PHONY: help setup explore test format
+
+# A shell prepared for ROS or conda would bring its own packages along.
+unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
+
+ARGS ?=
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
+
+setup: ## prepare .venv and the system libraries; instant when nothing has changed
+	@scripts/setup
+
+explore: setup ## fly through a simulated mine into a new folder in runs/; options: ARGS="--help"
+	@.venv/bin/companion sim --world complex $(ARGS)
+
+test: setup ## format, lint, types, import contracts and tests; options for pytest: ARGS="-k config"
+	@scripts/check $(ARGS)
+
+format: setup ## sort the imports and format the code
+	@.venv/bin/ruff check --quiet --select I --fix .
+	@.venv/bin/ruff format .

@@ -1,0 +1,1 @@
+"""Every setting, as typed models; one YAML file describes one vehicle."""

@@ -1,0 +1,64 @@
+"""The root of the configuration, and the rules that tie its sections together."""
+
+from __future__ import annotations
+
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from companion.config.control import ControlSettings
+from companion.config.fleet import FleetSettings
+from companion.config.mapping import MapSettings
+from companion.config.section import Section, refuse
+from companion.config.sensors import SensorSettings
+from companion.config.sim import SimSettings
+from companion.config.vehicle import VehicleSettings
+
+
+class Settings(Section):
+    """One vehicle: its body, its law, its sensors, its map, its group, and its simulation."""
+
+    vehicle: VehicleSettings = Field(VehicleSettings(), description="the airframe")
+    control: ControlSettings = Field(ControlSettings(), description="the navigation law")
+    sensors: SensorSettings = Field(SensorSettings(), description="sensors and what is made of them")
+    mapping: MapSettings = Field(MapSettings(), description="the map V")
+    fleet: FleetSettings = Field(FleetSettings(), description="several vehicles")
+    sim: SimSettings = Field(SimSettings(), description="the simulated vehicle and its imperfect sensors")
+
+    @model_validator(mode="after")
+    def _body_inside_critical_margin(self) -> Self:
+        if self.vehicle.body_radius_m >= self.control.critical_margin_m:
+            raise refuse(
+                f"vehicle.body_radius_m = {self.vehicle.body_radius_m:g} m must be smaller than "
+                f"control.critical_margin_m = {self.control.critical_margin_m:g} m (d_c): the vehicle would stop only "
+                "after touching the wall",
+                "vehicle.body_radius_m",
+                "control.critical_margin_m",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _slab_above_ground(self) -> Self:
+        half_m = self.vehicle.body_height_m / 2.0 + self.sensors.scan.slab_margin_m
+        if half_m >= self.control.height_m:
+            raise refuse(
+                f"control.height_m = {self.control.height_m:g} m (H) must be greater than half of vehicle.body_height_m "
+                f"plus sensors.scan.slab_margin_m = {half_m:g} m: the ground itself would be an obstacle",
+                "control.height_m",
+                "vehicle.body_height_m",
+                "sensors.scan.slab_margin_m",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _layers_fit(self) -> Self:
+        needed_m = (self.fleet.largest_group + 1) * self.control.vertical_margin_m
+        if self.fleet.tunnel_height_m < needed_m:
+            raise refuse(
+                f"fleet.tunnel_height_m = {self.fleet.tunnel_height_m:g} m (d_M) must be at least (fleet.largest_group + 1)"
+                f" · control.vertical_margin_m = {needed_m:g} m, or the layers of (11) are too close",
+                "fleet.tunnel_height_m",
+                "fleet.largest_group",
+                "control.vertical_margin_m",
+            )
+        return self

@@ -1,0 +1,10 @@
+"""The paper's navigation law: Measurement -> Setpoint.
+
+Pure: no I/O, no clock, no asyncio, no randomness but the generator handed in. `Navigator` is the state machine of
+Section 3 of the paper; the other modules are its equations, one idea a file.
+"""
+
+from companion.control.navigator import Navigator, Status, TargetKind
+from companion.control.parameters import Governor, Parameters
+
+__all__ = ["Governor", "Navigator", "Parameters", "Status", "TargetKind"]

@@ -1,0 +1,88 @@
+"""The speed governor: (12) gives a speed, the governor lowers it to what can still be braked and turned.
+
+Steps A2 to A4 of the paper leave v(t) arbitrary, so slowing down keeps Theorem 1.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from companion.control.parameters import Parameters
+from companion.model import HIT, FloatArray, Scan
+
+
+def braking_speed_mps(room_m: float, reaction_s: float, brake_mps2: float) -> float:
+    """Largest v with reaction·v + v²/(2·brake) <= room; 0 when there is no room."""
+    if room_m <= 0.0:
+        return 0.0
+    delay = reaction_s * brake_mps2
+    return math.sqrt(delay * delay + 2.0 * brake_mps2 * room_m) - delay
+
+
+@njit(cache=True, nogil=True)
+def _room(
+    bearings: FloatArray,
+    ranges: FloatArray,
+    state: NDArray[np.uint8],
+    half_width_m: float,
+    keep_m: float,
+    lead_m: float,
+) -> tuple[float, float, float]:
+    """Least distance ahead within the vehicle's own width, and the largest turning radii to the left and right.
+
+    A left turn of radius R about (0, R) keeps ``keep_m`` from a point (x, y) ahead when
+    x² + y² - keep² >= 2·R·(keep + y); mirrored for a right turn. Points are shifted back by ``lead_m``, the way flown
+    before a turn takes effect.
+    """
+    ahead = np.inf
+    left = np.inf
+    right = np.inf
+    for i in range(bearings.size):
+        if state[i] != HIT or abs(bearings[i]) >= np.pi / 2.0:
+            continue
+        x = ranges[i] * np.cos(bearings[i])
+        y = ranges[i] * np.sin(bearings[i])
+        if abs(y) < half_width_m:
+            ahead = min(ahead, x)
+        x = max(x - lead_m, 0.0)
+        free = max(x * x + y * y - keep_m * keep_m, 0.0)
+        if keep_m + y > 0.0:
+            left = min(left, free / (2.0 * (keep_m + y)))
+        if keep_m - y > 0.0:
+            right = min(right, free / (2.0 * (keep_m - y)))
+    return ahead, left, right
+
+
+def governed_speed_mps(
+    speed_mps: float, scan: Scan, nearest_m: float, gamma: int | None, forward_mps: float, parameters: Parameters
+) -> float:
+    """The speed of law (12), lowered to what can be braked before d_c and turned away from before d_s.
+
+    Args:
+        speed_mps: what (12) gives.
+        scan: N(t).
+        nearest_m: d, infinite when nothing is near.
+        gamma: Γ of the wall that is followed, so that the turn away is known; None when either turn will do.
+        forward_mps: the speed flown now.
+        parameters: the law's settings.
+    """
+    governor = parameters.governor
+    # Already nearer than that, the vehicle must still be able to leave: it only may not come nearer.
+    keep_m = min(parameters.margin_m - governor.side_margin_m, nearest_m)
+    ahead_m, left_m, right_m = _room(
+        scan.bearings_rad,
+        scan.ranges_m,
+        scan.state,
+        parameters.critical_margin_m,
+        keep_m,
+        max(forward_mps, 0.0) * governor.reaction_s,
+    )
+    radius_m = max(left_m, right_m) if gamma is None else (left_m if gamma < 0 else right_m)
+    turning_mps = radius_m * parameters.max_yaw_rate_radps
+    braking_mps = braking_speed_mps(ahead_m - parameters.critical_margin_m, governor.reaction_s, governor.brake_mps2)
+    creep_mps = governor.least_speed_mps if ahead_m > keep_m else 0.0
+    return min(speed_mps, max(creep_mps, min(turning_mps, braking_mps)))

@@ -1,0 +1,15 @@
+"""Errors that a person reads. Each says what is wrong, where, and what to do."""
+
+from __future__ import annotations
+
+
+class CompanionError(Exception):
+    """Base of every error that ends a command with one message instead of a traceback."""
+
+    exit_code = 1
+
+
+class InputError(CompanionError):
+    """Something the user handed in cannot be used: configuration, mesh, recording, folder, argument."""
+
+    exit_code = 2

@@ -1,0 +1,88 @@
+"""Several vehicles in one mine: who is near, and which height layer is whose (paper eq. (11))."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from companion.config.fleet import FleetSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """The last word of a vehicle about where it is, in the frame that the vehicles share."""
+
+    t_s: float
+    x_m: float
+    y_m: float
+    z_m: float
+
+
+class Fleet:
+    """What one vehicle knows of the others.
+
+    A vehicle that has fallen silent is not gone: it stays in the group in which it was last heard, at its last
+    position, and so keeps its layer.
+
+    Args:
+        settings: d_r, d_M and the age at which a report is stale.
+        own_id: this vehicle's number.
+    """
+
+    def __init__(self, settings: FleetSettings, own_id: int) -> None:
+        self._settings = settings
+        self._own_id = own_id
+        self._reports: dict[int, Report] = {}
+        self._group: frozenset[int] = frozenset({own_id})
+
+    def heard(self, vehicle_id: int, report: Report) -> None:
+        """Note a report; one that is older than what is known, or not finite, is ignored."""
+        known = self._reports.get(vehicle_id)
+        finite = all(map(math.isfinite, (report.t_s, report.x_m, report.y_m, report.z_m)))
+        if finite and (known is None or report.t_s >= known.t_s):
+            self._reports[vehicle_id] = report
+
+    def group(self, t_s: float) -> frozenset[int]:
+        """The vehicles connected with this one by chains of distances below d_r, silent members included."""
+        positions = dict(self._reports)
+        near = connected(positions, self._own_id, self._settings.group_range_m)
+        silent = {
+            vehicle_id
+            for vehicle_id in self._group
+            if vehicle_id in positions and t_s - positions[vehicle_id].t_s > self._settings.stale_after_s
+        }
+        self._group = near | silent
+        return self._group
+
+    def height_m(self, t_s: float, alone_m: float) -> float:
+        """H(t) of this vehicle: ``alone_m`` while no other is in its group, else its layer of (11)."""
+        group = self.group(t_s)
+        if len(group) == 1:
+            return alone_m
+        return layer_height_m(self._own_id, group, self._settings.tunnel_height_m)
+
+
+def connected(reports: Mapping[int, Report], start_id: int, range_m: float) -> frozenset[int]:
+    """The component of ``start_id`` in the graph of vehicles nearer to each other than ``range_m``."""
+    found = {start_id}
+    border = [start_id]
+    while border:
+        here = reports.get(border.pop())
+        if here is None:
+            continue
+        for vehicle_id, there in reports.items():
+            apart_m = math.dist((here.x_m, here.y_m, here.z_m), (there.x_m, there.y_m, there.z_m))
+            if vehicle_id not in found and apart_m < range_m:
+                found.add(vehicle_id)
+                border.append(vehicle_id)
+    return frozenset(found)
+
+
+def layer_height_m(own_id: int, group: frozenset[int], tunnel_height_m: float) -> float:
+    """H = m·d_M/(n + 1), paper eq. (11), where m counts the vehicles whose number is not smaller than the own one.
+
+    The paper counts only the larger ones, which would send the largest to the ground; m must count the vehicle itself.
+    """
+    m = sum(1 for vehicle_id in group if vehicle_id >= own_id)
+    return m * tunnel_height_m / (len(group) + 1)

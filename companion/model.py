@@ -1,0 +1,200 @@
+"""The words of the domain.
+
+World frame: east-north-up. Body frame: forward-left-up. Angles are counter-clockwise positive, in rad, wrapped to
+[-π, π); a bearing of 0 is the heading, so a wall on the right has a negative bearing. Lengths in m, times in s.
+Missing is ``None`` (or NaN inside a depth image), never zero.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+"""One-dimensional unless a docstring says otherwise."""
+
+UNKNOWN, CLEAR, HIT = np.uint8(0), np.uint8(1), np.uint8(2)
+"""What is known of one bearing of a `Scan`: nobody looked; seen free out to the range; an obstacle at the range."""
+
+
+class Mode(enum.StrEnum):
+    """The modes of the paper's navigation law (7), and the one in which nothing may move."""
+
+    CIRCLE = "R1"
+    TANGENT = "R2"
+    BOUNDARY = "R3"
+    HOLD = "hold"
+
+
+class Beam(enum.StrEnum):
+    """Where a single-beam rangefinder looks, in the body frame."""
+
+    FRONT = "front"
+    LEFT = "left"
+    BACK = "back"
+    RIGHT = "right"
+    DOWN = "down"
+    UP = "up"
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Where the vehicle is and how it moves, estimated or true, at time ``t_s``.
+
+    The attitude is R = Rz(yaw) Ry(pitch) Rx(roll) in ENU/FLU, so a positive pitch points the nose down and a positive
+    roll lifts the left side. Velocities are in the world frame.
+    """
+
+    t_s: float
+    x_m: float
+    y_m: float
+    z_m: float
+    yaw_rad: float
+    roll_rad: float = 0.0
+    pitch_rad: float = 0.0
+    vx_mps: float = 0.0
+    vy_mps: float = 0.0
+    vz_mps: float = 0.0
+    yaw_rate_radps: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A pinhole depth camera and where it sits on the body.
+
+    Pixel (u, v) has its centre at integer coordinates, u to the right and v down; its ray in the camera's own
+    forward-left-up frame is (1, -(u - cx)/fx, -(v - cy)/fy).
+    """
+
+    width_px: int
+    height_px: int
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    min_range_m: float
+    max_range_m: float
+    mount_x_m: float = 0.0
+    mount_y_m: float = 0.0
+    mount_z_m: float = 0.0
+    mount_yaw_rad: float = 0.0
+    mount_pitch_rad: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class DepthFrame:
+    """One depth image, with the pose at its own exposure.
+
+    Attributes:
+        t_s: when the image was exposed, not when it arrived.
+        depth_m: (height, width) float32, distance along the optical axis (as depth cameras give it, not along the
+            ray). NaN: nothing was measured there. At or beyond ``camera.max_range_m``: seen free out to that limit.
+        camera: the camera that took it.
+        pose: the estimated pose at ``t_s``.
+    """
+
+    t_s: float
+    depth_m: NDArray[np.float32]
+    camera: Camera
+    pose: Pose
+
+
+@dataclass(frozen=True, slots=True)
+class RangeReading:
+    """One reading of a single-beam rangefinder, along the body axis of ``beam``.
+
+    ``range_m`` is ``None`` when nothing was measured; at or beyond ``max_range_m`` it says "free out to there".
+    """
+
+    beam: Beam
+    t_s: float
+    range_m: float | None
+    max_range_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class PlanarScan:
+    """One turn of a planar scanner mounted level on the body: bearings ascending, NaN where nothing was measured."""
+
+    t_s: float
+    bearings_rad: FloatArray
+    ranges_m: FloatArray
+    max_range_m: float
+    pose: Pose
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """Everything the sensors said by ``t_s``: only what is new since the last observation."""
+
+    t_s: float
+    pose: Pose
+    frame: DepthFrame | None = None
+    ranges: tuple[RangeReading, ...] = ()
+    planar: PlanarScan | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """The horizontal measurement N(t) (paper Definition 3.8) as polar pairs about the vehicle.
+
+    Attributes:
+        bearings_rad: (n,) ascending in [-π, π), evenly spaced over the full turn.
+        ranges_m: (n,) the obstacle's distance where HIT, the range limit where CLEAR, 0 where UNKNOWN.
+        state: (n,) uint8, one of `UNKNOWN`, `CLEAR`, `HIT`.
+        fresh: (n,) bool, True where a sensor looked just now, False where the value is remembered.
+    """
+
+    bearings_rad: FloatArray
+    ranges_m: FloatArray
+    state: NDArray[np.uint8]
+    fresh: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """What the navigator sees in one tick (paper Definitions 3.7 and 3.8, and d, d_f of (12)).
+
+    Attributes:
+        t_s: time of the tick.
+        scan_age_s: how old the newest look ahead is, in s.
+        scan: N(t), or ``None`` when nothing has looked ahead recently enough.
+        h_m: height above ground along gravity, tilt compensated; ``None`` when not known.
+        roof_m: free height above the vehicle; ``None`` when not known.
+        ground_slope: rise over run of the ground ahead along the heading; ``None`` when not known.
+        d_m: least horizontal distance to any obstacle; ``None`` when nothing is near enough to be seen.
+        d_bearing_rad: bearing α* of that obstacle.
+        d_front_m: the same least distance over bearings within 135° of the heading (d_f).
+        d_dot_mps: rate of change of d.
+        missing: names of inputs that are absent or stale; empty when the vehicle may fly.
+    """
+
+    t_s: float
+    scan_age_s: float
+    scan: Scan | None
+    h_m: float | None
+    roof_m: float | None
+    ground_slope: float | None
+    d_m: float | None
+    d_bearing_rad: float | None
+    d_front_m: float | None
+    d_dot_mps: float | None
+    missing: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Setpoint:
+    """What the vehicle is asked to do, in the body frame: forward speed, climb, turn (counter-clockwise)."""
+
+    t_s: float
+    speed_mps: float
+    climb_mps: float
+    yaw_rate_radps: float
+
+
+def wrap_rad(angle_rad: float) -> float:
+    """The same angle in [-π, π)."""
+    return (angle_rad + np.pi) % (2.0 * np.pi) - np.pi

@@ -1,0 +1,182 @@
+"""From a depth image to a look ahead: the levelled slab that follows the ground, as HIT, CLEAR and UNKNOWN."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from companion.geometry import camera_to_level, pixel_tangents
+from companion.model import CLEAR, HIT, UNKNOWN, DepthFrame, FloatArray
+from companion.sensors.ground import SECTORS, ground_at, ground_profiles
+from companion.sensors.look import Look
+
+POOLED_WIDTH_PX = 160
+"""Images wider than twice this are reduced by taking the nearest pixel of each block: the bins are a degree wide, so
+finer pixels cost time and tell nothing, and the nearest of a block never overlooks an obstacle."""
+
+AGREE_M = 0.3
+"""A bin is HIT by two points whose ranges differ by no more than this: a single one is a flying pixel."""
+
+SLOPE_LOOK_M = 3.0
+"""The slope of the ground ahead is taken over this distance: about where the camera first sees the ground."""
+
+
+@dataclass(frozen=True, slots=True)
+class Slab:
+    """Which heights about the vehicle count as obstacle, and how steep the ground may be that they follow."""
+
+    half_height_m: float
+    max_ground_slope: float
+
+
+def pool_nearest(depth_m: NDArray[np.float32], pool: int) -> NDArray[np.float32]:
+    """The nearest measured depth of each pool x pool block; NaN where the whole block is NaN."""
+    if pool == 1:
+        return depth_m
+    return np.asarray(_pool_nearest(depth_m, pool))
+
+
+@njit(cache=True, nogil=True)
+def _pool_nearest(depth: NDArray[np.float32], pool: int) -> NDArray[np.float32]:
+    height, width = depth.shape[0] // pool, depth.shape[1] // pool
+    out = np.full((height, width), np.float32(np.inf), np.float32)
+    for v in range(height * pool):
+        row = out[v // pool]
+        for u in range(width * pool):
+            z = depth[v, u]
+            # A NaN compares false, so it never replaces a measurement.
+            if z < row[u // pool]:
+                row[u // pool] = z
+    for v in range(height):
+        for u in range(width):
+            if out[v, u] == np.inf:
+                block = depth[v * pool : (v + 1) * pool, u * pool : (u + 1) * pool]
+                if not np.any(block == np.inf):
+                    out[v, u] = np.nan
+    return out
+
+
+def look_ahead(frame: DepthFrame, h_m: float, slab: Slab, bins: int) -> tuple[Look, float | None]:
+    """What a depth image says about the flying height, and the slope of the ground ahead.
+
+    The slab is as thick as the body plus a margin and lies where the height above the local ground is h (on flat
+    ground: the horizontal plane of paper Definition 3.8).
+
+    Args:
+        frame: the image, with the pose at its exposure.
+        h_m: height above ground at that time.
+        slab: its thickness and steepest slope.
+        bins: bearings of the scan.
+
+    Returns:
+        The look, and rise over run of the ground ahead (None where no ground was seen).
+    """
+    camera = frame.camera
+    pool = max(1, camera.width_px // POOLED_WIDTH_PX)
+    depth = pool_nearest(frame.depth_m, pool)
+    left, up = pixel_tangents(camera, pool)
+    to_level, offset = camera_to_level(camera, frame.pose)
+    profile, seen = ground_profiles(
+        depth, left, up, to_level, offset, h_m, camera.min_range_m, camera.max_range_m, slab.max_ground_slope
+    )
+    ranges, state, covered = _slab(
+        depth,
+        left,
+        up,
+        to_level,
+        offset,
+        profile,
+        h_m,
+        slab.half_height_m,
+        camera.min_range_m,
+        camera.max_range_m,
+        bins,
+    )
+    slope: float | None = None
+    if seen > 0:
+        ahead = 0.5 * sum(ground_at(profile, s, SLOPE_LOOK_M, h_m) for s in (SECTORS // 2 - 1, SECTORS // 2))
+        slope = max(-slab.max_ground_slope, min(slab.max_ground_slope, (ahead + h_m) / SLOPE_LOOK_M))
+        slope = slope if math.isfinite(slope) else None
+    look = Look(
+        t_s=frame.t_s,
+        x_m=frame.pose.x_m,
+        y_m=frame.pose.y_m,
+        yaw_rad=frame.pose.yaw_rad,
+        ranges_m=ranges,
+        state=state,
+        covered=covered,
+        limit_m=camera.max_range_m,
+    )
+    return look, slope
+
+
+@njit(cache=True, nogil=True)
+def _slab(
+    depth: NDArray[np.float32],
+    left: NDArray[np.float64],
+    up: NDArray[np.float64],
+    to_level: NDArray[np.float64],
+    offset_m: NDArray[np.float64],
+    profile: NDArray[np.float64],
+    h_m: float,
+    half_height_m: float,
+    min_range_m: float,
+    max_range_m: float,
+    bins: int,
+) -> tuple[FloatArray, NDArray[np.uint8], NDArray[np.bool_]]:
+    height, width = depth.shape
+    nearest = np.full(bins, np.inf)
+    second = np.full(bins, np.inf)
+    level_rays = np.zeros(bins, np.int32)
+    level_clear = np.zeros(bins, np.int32)
+    scale = bins / (2.0 * np.pi)
+    for v in range(height):
+        for u in range(width):
+            z = depth[v, u]
+            dx = to_level[0, 0] + to_level[0, 1] * left[u] + to_level[0, 2] * up[v]
+            dy = to_level[1, 0] + to_level[1, 1] * left[u] + to_level[1, 2] * up[v]
+            dz = to_level[2, 0] + to_level[2, 1] * left[u] + to_level[2, 2] * up[v]
+            sector = u * SECTORS // width
+            # Only a ray that stays in the slab out to the range limit can say that the bearing is CLEAR.
+            flat = np.sqrt(dx * dx + dy * dy)
+            middle = ground_at(profile, sector, max_range_m, h_m) + h_m
+            at_limit = offset_m[2] + dz / max(flat, 1e-9) * max_range_m
+            if abs(at_limit - middle) <= half_height_m:
+                b = min(bins - 1, int((np.arctan2(dy, dx) + np.pi) * scale))
+                level_rays[b] += 1
+                if z >= max_range_m:
+                    level_clear[b] += 1
+            if not (z >= min_range_m and z < max_range_m):
+                continue
+            x = offset_m[0] + z * dx
+            y = offset_m[1] + z * dy
+            distance = np.sqrt(x * x + y * y)
+            middle = ground_at(profile, sector, distance, h_m) + h_m
+            if abs(offset_m[2] + z * dz - middle) > half_height_m:
+                continue
+            b = min(bins - 1, int((np.arctan2(y, x) + np.pi) * scale))
+            if distance < nearest[b]:
+                second[b] = nearest[b]
+                nearest[b] = distance
+            elif distance < second[b]:
+                second[b] = distance
+    ranges = np.zeros(bins)
+    state = np.full(bins, UNKNOWN, np.uint8)
+    covered = np.zeros(bins, np.bool_)
+    for b in range(bins):
+        covered[b] = level_rays[b] > 0 or nearest[b] < np.inf
+        if second[b] - nearest[b] <= AGREE_M:
+            ranges[b] = nearest[b]
+            state[b] = HIT
+        elif second[b] < np.inf:
+            # The nearest stands alone: a flying pixel before the surface that the next ones agree on.
+            ranges[b] = second[b]
+            state[b] = HIT
+        elif level_rays[b] > 0 and 2 * level_clear[b] >= level_rays[b]:
+            ranges[b] = max_range_m
+            state[b] = CLEAR
+    return ranges, state, covered

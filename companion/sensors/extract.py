@@ -1,0 +1,238 @@
+"""From what the sensors said to what the navigator needs: h, N, d, d_f and the rate of d."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from companion.config.sensors import SensorSettings
+from companion.model import (
+    CLEAR,
+    HIT,
+    UNKNOWN,
+    Beam,
+    FloatArray,
+    Measurement,
+    Observation,
+    PlanarScan,
+    Pose,
+    RangeReading,
+    Scan,
+)
+from companion.sensors.depth import Slab, look_ahead
+from companion.sensors.look import Look, bin_bearings
+from companion.sensors.memory import ScanMemory
+
+FRONT_RAD = math.radians(135.0)
+"""d_f counts the front, left and right faces: bearings within this of the heading."""
+
+POSE_STALE_S = 0.3
+"""A pose older than this is missing: at 0.5 m/s the vehicle is 15 cm from where it says."""
+
+_SIDEWAYS = {Beam.FRONT: 0.0, Beam.LEFT: math.pi / 2.0, Beam.BACK: -math.pi, Beam.RIGHT: -math.pi / 2.0}
+
+
+class Extractor:
+    """Keeps the newest word of each sensor and makes a `Measurement` of them, once a tick.
+
+    Args:
+        settings: sensors and scan.
+        body_height_m: height of the body, which with the slab's margin says what is in the way.
+    """
+
+    def __init__(self, settings: SensorSettings, body_height_m: float) -> None:
+        self._settings = settings
+        self._slab = Slab(body_height_m / 2.0 + settings.scan.slab_margin_m, settings.scan.max_ground_slope)
+        self._bearings_rad = bin_bearings(settings.scan.bins)
+        self._memory = ScanMemory(settings.scan.memory_age_s, settings.scan.memory_distance_m)
+        self._ahead: Look | None = None
+        self._ground_slope: float | None = None
+        self._around: Look | None = None
+        self._readings: dict[Beam, tuple[RangeReading, Pose]] = {}
+
+    def measure(self, observation: Observation) -> Measurement:
+        """The measurement at ``observation.t_s``, from this observation and the memory of the earlier ones."""
+        t_s, pose = observation.t_s, observation.pose
+        for reading in observation.ranges:
+            # One that measured nothing does not hide the last one that did: that one ages by itself.
+            if reading.range_m is not None:
+                self._readings[reading.beam] = (reading, pose)
+        h_m = self._height_m(pose, t_s)
+        if observation.frame is not None and h_m is not None:
+            h_then_m = h_m + observation.frame.pose.z_m - pose.z_m
+            self._ahead, self._ground_slope = look_ahead(
+                observation.frame, h_then_m, self._slab, self._settings.scan.bins
+            )
+            self._remember(self._ahead)
+        if observation.planar is not None:
+            self._around = planar_look(observation.planar, self._settings.scan.bins)
+            self._remember(self._around)
+        looks = [look for look in (self._ahead, self._around) if look is not None and self._is_fresh(look, t_s)]
+        missing = self._missing(pose, t_s, h_m, looks)
+        scan = self._scan(looks, pose, t_s) if looks and math.isfinite(pose.x_m + pose.y_m + pose.yaw_rad) else None
+        d_m, d_bearing_rad = _nearest(scan, math.pi) if scan else (None, None)
+        return Measurement(
+            t_s=t_s,
+            scan_age_s=t_s - max((look.t_s for look in looks), default=-math.inf),
+            scan=scan,
+            h_m=h_m,
+            roof_m=self._beam_m(Beam.UP, pose, t_s),
+            ground_slope=self._ground_slope if self._ahead in looks else None,
+            d_m=d_m,
+            d_bearing_rad=d_bearing_rad,
+            d_front_m=_nearest(scan, FRONT_RAD)[0] if scan else None,
+            d_dot_mps=None if d_bearing_rad is None else _closing(pose, d_bearing_rad),
+            missing=missing,
+        )
+
+    def _is_fresh(self, look: Look, t_s: float) -> bool:
+        return 0.0 <= t_s - look.t_s <= self._settings.scan.stale_after_s
+
+    def _missing(self, pose: Pose, t_s: float, h_m: float | None, looks: Sequence[Look]) -> tuple[str, ...]:
+        missing = []
+        if not looks:
+            missing.append("depth")
+        if h_m is None:
+            missing.append("height")
+        numbers = (pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad, pose.vx_mps, pose.vy_mps)
+        if not 0.0 <= t_s - pose.t_s <= POSE_STALE_S or not all(map(math.isfinite, numbers)):
+            missing.append("pose")
+        return tuple(missing)
+
+    def _beam_m(self, beam: Beam, pose: Pose, t_s: float) -> float | None:
+        """A beam's range along gravity or the horizon, or None: not there, stale, nothing measured, out of range."""
+        reading, _ = self._readings.get(beam, (None, pose))
+        if reading is None or not 0.0 <= t_s - reading.t_s <= self._settings.beams.stale_after_s:
+            return None
+        range_m = reading.range_m
+        if range_m is None or not math.isfinite(range_m) or not 0.0 < range_m < reading.max_range_m:
+            return None
+        return range_m * math.cos(pose.pitch_rad) * math.cos(pose.roll_rad)
+
+    def _height_m(self, pose: Pose, t_s: float) -> float | None:
+        """h (paper Definition 3.7), tilt compensated, carried on by the climb since the reading."""
+        known = self._readings.get(Beam.DOWN)
+        if known is None:
+            return None
+        height_m = self._beam_m(Beam.DOWN, known[1], t_s)
+        if height_m is None:
+            return None
+        height_m += pose.z_m - known[1].z_m
+        return height_m if math.isfinite(height_m) else None
+
+    def _remember(self, look: Look) -> None:
+        hits = (look.state == HIT) & (look.ranges_m <= self._settings.scan.memory_look_m)
+        pose = Pose(look.t_s, look.x_m, look.y_m, 0.0, look.yaw_rad)
+        self._memory.remember(pose, self._bearings_rad[hits], look.ranges_m[hits], look.t_s)
+
+    def _scan(self, looks: Sequence[Look], pose: Pose, t_s: float) -> Scan:
+        bins = self._bearings_rad.size
+        scan = Scan(self._bearings_rad, np.zeros(bins), np.full(bins, UNKNOWN, np.uint8), np.zeros(bins, np.bool_))
+        for look in looks:
+            _carry(
+                scan.ranges_m,
+                scan.state,
+                scan.fresh,
+                look.ranges_m,
+                look.state,
+                look.covered,
+                pose.x_m - look.x_m,
+                pose.y_m - look.y_m,
+                pose.yaw_rad,
+                look.yaw_rad,
+                look.limit_m,
+            )
+        for beam, bearing_rad in _SIDEWAYS.items():
+            self._add_beam(scan, beam, bearing_rad, pose, t_s)
+        self._memory.recall(scan, pose, t_s)
+        return scan
+
+    def _add_beam(self, scan: Scan, beam: Beam, bearing_rad: float, pose: Pose, t_s: float) -> None:
+        if beam not in self._readings:
+            return
+        reading, read_at = self._readings[beam]
+        if not 0.0 <= t_s - reading.t_s <= self._settings.beams.stale_after_s:
+            return
+        bins = scan.bearings_rad.size
+        b = int((bearing_rad + math.pi) / (2.0 * math.pi) * bins) % bins
+        range_m = self._beam_m(beam, pose, t_s)
+        if range_m is None:
+            if reading.range_m is not None and reading.range_m >= reading.max_range_m and scan.state[b] == UNKNOWN:
+                scan.ranges_m[b], scan.state[b], scan.fresh[b] = reading.max_range_m, CLEAR, True
+            return
+        if reading.t_s == t_s:
+            self._memory.remember(read_at, np.array([bearing_rad]), np.array([range_m]), t_s)
+        if scan.state[b] != HIT or range_m < scan.ranges_m[b]:
+            scan.ranges_m[b], scan.state[b], scan.fresh[b] = range_m, HIT, True
+
+
+def planar_look(planar: PlanarScan, bins: int) -> Look:
+    """A planar scan as a look: the nearest ray of each bearing bin; CLEAR where all its rays saw nothing near."""
+    ranges, state = np.zeros(bins), np.full(bins, UNKNOWN, np.uint8)
+    index = ((planar.bearings_rad + np.pi) / (2.0 * np.pi) * bins).astype(np.int64) % bins
+    measured = np.isfinite(planar.ranges_m) | (planar.ranges_m == np.inf)
+    nearest = np.full(bins, np.inf)
+    np.minimum.at(nearest, index[measured], planar.ranges_m[measured])
+    looked = np.zeros(bins, np.bool_)
+    looked[index[measured]] = True
+    hit = looked & (nearest < planar.max_range_m)
+    ranges[hit], state[hit] = nearest[hit], HIT
+    clear = looked & ~hit
+    ranges[clear], state[clear] = planar.max_range_m, CLEAR
+    pose = planar.pose
+    return Look(planar.t_s, pose.x_m, pose.y_m, pose.yaw_rad, ranges, state, looked, planar.max_range_m)
+
+
+@njit(cache=True, nogil=True)
+def _carry(
+    ranges: FloatArray,
+    state: NDArray[np.uint8],
+    fresh: NDArray[np.bool_],
+    look_ranges: FloatArray,
+    look_state: NDArray[np.uint8],
+    covered: NDArray[np.bool_],
+    moved_x_m: float,
+    moved_y_m: float,
+    yaw_rad: float,
+    look_yaw_rad: float,
+    limit_m: float,
+) -> None:
+    """Merge a look, made a moment ago from elsewhere, into the scan about the present pose."""
+    bins = ranges.size
+    width = 2.0 * np.pi / bins
+    for b in range(bins):
+        bearing = -np.pi + (b + 0.5) * width + yaw_rad - look_yaw_rad
+        source = int(np.floor((bearing + np.pi) / width)) % bins
+        if not covered[source]:
+            continue
+        fresh[b] = True
+        if look_state[source] == HIT:
+            direction = look_yaw_rad - np.pi + (source + 0.5) * width
+            x = look_ranges[source] * np.cos(direction) - moved_x_m
+            y = look_ranges[source] * np.sin(direction) - moved_y_m
+            distance = np.sqrt(x * x + y * y)
+            if state[b] != HIT or distance < ranges[b]:
+                ranges[b] = distance
+                state[b] = HIT
+        elif look_state[source] == CLEAR and state[b] == UNKNOWN:
+            ranges[b] = limit_m
+            state[b] = CLEAR
+
+
+def _nearest(scan: Scan, within_rad: float) -> tuple[float | None, float | None]:
+    """Range and bearing of the nearest HIT within that bearing of the heading; None, None when there is none."""
+    ranges = np.where((scan.state == HIT) & (np.abs(scan.bearings_rad) <= within_rad), scan.ranges_m, np.inf)
+    nearest = int(np.argmin(ranges))
+    if not np.isfinite(ranges[nearest]):
+        return None, None
+    return float(ranges[nearest]), float(scan.bearings_rad[nearest])
+
+
+def _closing(pose: Pose, bearing_rad: float) -> float:
+    """Rate of the distance to a static point at that bearing: for a wall ahead at speed v it is -v·cos α*."""
+    direction_rad = pose.yaw_rad + bearing_rad
+    return -(pose.vx_mps * math.cos(direction_rad) + pose.vy_mps * math.sin(direction_rad))

@@ -1,0 +1,124 @@
+"""The ground ahead, from a depth image: its height by bearing and distance, so that the scan can follow a slope."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+SECTORS = 12
+"""Ground profiles side by side over the image: each is narrow enough for a drift that branches off to have its own."""
+
+STEP_M = 0.5
+"""Length of one cell of a profile."""
+
+STEP_TOLERANCE_M = 0.15
+"""Height by which a cell may differ from what the slope limit allows: rubble, and the noise of depth at range."""
+
+FIRST_SEEN_MARGIN = 0.02
+"""The ground counts as in view when its elevation (a tangent) is this far above the lower edge of the image."""
+
+
+@njit(cache=True, nogil=True)
+def ground_profiles(
+    depth: NDArray[np.float32],
+    left: NDArray[np.float64],
+    up: NDArray[np.float64],
+    to_level: NDArray[np.float64],
+    offset_m: NDArray[np.float64],
+    h_m: float,
+    min_range_m: float,
+    max_range_m: float,
+    max_slope: float,
+) -> tuple[NDArray[np.float64], int]:
+    """Ground height relative to the vehicle, by sector of the image and distance.
+
+    Walks outward from the point below the vehicle, where the ground is h below, and accepts the lowest surface of each
+    cell as ground when the slope to it is possible. A wall has its foot on the ground, so it does no harm; where the
+    lower edge of the image cuts the foot off, and where nothing is seen, the last known height is kept.
+
+    Args:
+        depth: (height, width) depth along the optical axis, NaN where not measured.
+        left: (width,) left component of the pixel rays; ``up``: (height,) the up component.
+        up: see ``left``.
+        to_level: (3, 3) rotation from camera to the levelled body frame.
+        offset_m: (3,) position of the camera in that frame.
+        h_m: height above the ground below the vehicle.
+        min_range_m: depth below this was not measured.
+        max_range_m: depth at or beyond this is free space, not ground.
+        max_slope: steepest ground, rise over run.
+
+    Returns:
+        (SECTORS, cells) heights at distances (cell + 0.5)·STEP_M, and in how many cells ground was really seen in the
+        two sectors about the image's middle.
+    """
+    height, width = depth.shape
+    cells = max(1, int(np.ceil(max_range_m / STEP_M)))
+    low = np.full((SECTORS, cells), np.inf)
+    low_at = np.zeros((SECTORS, cells))
+    second = np.full((SECTORS, cells), np.inf)
+    for v in range(height):
+        for u in range(width):
+            z = depth[v, u]
+            if not (z >= min_range_m and z < max_range_m):
+                continue
+            below = offset_m[2] + z * (to_level[2, 0] + to_level[2, 1] * left[u] + to_level[2, 2] * up[v])
+            if below > 0.0:
+                continue
+            x = offset_m[0] + z * (to_level[0, 0] + to_level[0, 1] * left[u] + to_level[0, 2] * up[v])
+            y = offset_m[1] + z * (to_level[1, 0] + to_level[1, 1] * left[u] + to_level[1, 2] * up[v])
+            distance = np.sqrt(x * x + y * y)
+            cell = int(distance / STEP_M)
+            if cell >= cells:
+                continue
+            sector = u * SECTORS // width
+            # The second lowest, so that one stray pixel does not make a hole.
+            if below < low[sector, cell]:
+                second[sector, cell] = low[sector, cell]
+                low[sector, cell] = below
+                low_at[sector, cell] = distance
+            elif below < second[sector, cell]:
+                second[sector, cell] = below
+    profile = np.empty((SECTORS, cells))
+    seen_ahead = 0
+    for s in range(SECTORS):
+        u = min(width - 1, (2 * s + 1) * width // (2 * SECTORS))
+        bx = to_level[0, 0] + to_level[0, 1] * left[u] + to_level[0, 2] * up[height - 1]
+        by = to_level[1, 0] + to_level[1, 1] * left[u] + to_level[1, 2] * up[height - 1]
+        bz = to_level[2, 0] + to_level[2, 1] * left[u] + to_level[2, 2] * up[height - 1]
+        lowest_tangent = bz / max(np.sqrt(bx * bx + by * by), 1e-6)
+        known_at, known = 0.0, -h_m
+        for c in range(cells):
+            at = (c + 0.5) * STEP_M
+            profile[s, c] = known
+            in_view = known >= (lowest_tangent + FIRST_SEEN_MARGIN) * at
+            if not in_view or second[s, c] == np.inf:
+                continue
+            step = low_at[s, c] - known_at
+            if abs(second[s, c] - known) <= max_slope * step + STEP_TOLERANCE_M:
+                profile[s, c] = second[s, c]
+                # Cells between the last ground and this one lie on the straight line between them.
+                first = int(known_at / STEP_M)
+                for k in range(first, c):
+                    between = ((k + 0.5) * STEP_M - known_at) / max(step, 1e-6)
+                    if between > 0.0:
+                        profile[s, k] = known + (second[s, c] - known) * between
+                known_at, known = low_at[s, c], second[s, c]
+                if abs(2 * s + 1 - SECTORS) <= 1:
+                    seen_ahead += 1
+    return profile, seen_ahead
+
+
+@njit(cache=True, nogil=True)
+def ground_at(profile: NDArray[np.float64], sector: int, distance_m: float, h_m: float) -> float:
+    """Ground height at a distance: linear between the cells' centres and the point below the vehicle."""
+    cells = profile.shape[1]
+    place = distance_m / STEP_M - 0.5
+    if place <= 0.0:
+        share = (place + 0.5) / 0.5
+        return -h_m + (profile[sector, 0] + h_m) * share
+    cell = int(place)
+    if cell >= cells - 1:
+        return float(profile[sector, cells - 1])
+    share = place - cell
+    return float(profile[sector, cell] * (1.0 - share) + profile[sector, cell + 1] * share)

@@ -1,0 +1,131 @@
+"""The scan memory: obstacle points of the last metres, so that the wall beside the vehicle is known as a curve.
+
+Between the edge of the camera's view and the side beams nobody looks, and a corner that is being rounded lies there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from companion.model import HIT, UNKNOWN, FloatArray, Pose, Scan
+
+CELL_M = 0.1
+"""One point a cell is kept, the newest: the memory is bounded however long the flight."""
+
+CELLS = 128
+"""Cells along each side of the grid, which wraps round: 12.8 m, so points within 6.4 m of the vehicle fit."""
+
+SEEN_THROUGH_M = 0.1
+"""A remembered point is dropped when a fresh look at its bearing sees further than it by more than this: otherwise the
+nearest of many noisy points would make every wall thicker with each look."""
+
+
+class ScanMemory:
+    """Points in the odometry's frame, expired by age and distance.
+
+    Args:
+        max_age_s: age at which a point expires; 0 remembers nothing.
+        max_distance_m: distance from the vehicle at which it expires, at most half the grid.
+    """
+
+    def __init__(self, max_age_s: float, max_distance_m: float) -> None:
+        self._max_age_s = max_age_s
+        self._max_distance_m = min(max_distance_m, CELLS * CELL_M / 2.0)
+        self._points = np.zeros((CELLS, CELLS, 2))
+        self._seen_s = np.full((CELLS, CELLS), -np.inf)
+
+    def remember(self, pose: Pose, bearings_rad: FloatArray, ranges_m: FloatArray, t_s: float) -> None:
+        """Add obstacle points given in polar coordinates about a pose."""
+        if self._max_age_s > 0.0:
+            _remember(
+                self._points,
+                self._seen_s,
+                pose.x_m,
+                pose.y_m,
+                pose.yaw_rad,
+                bearings_rad,
+                ranges_m,
+                t_s,
+                self._max_distance_m,
+            )
+
+    def recall(self, scan: Scan, pose: Pose, t_s: float) -> None:
+        """Fill the bearings of ``scan`` of which nothing was learnt just now with remembered points, in place."""
+        _recall(
+            self._points,
+            self._seen_s,
+            scan.ranges_m,
+            scan.state,
+            scan.fresh,
+            pose.x_m,
+            pose.y_m,
+            pose.yaw_rad,
+            t_s,
+            self._max_age_s,
+            self._max_distance_m,
+        )
+
+
+@njit(cache=True, nogil=True)
+def _remember(
+    points: NDArray[np.float64],
+    seen: NDArray[np.float64],
+    x_m: float,
+    y_m: float,
+    yaw_rad: float,
+    bearings: FloatArray,
+    ranges: FloatArray,
+    t_s: float,
+    max_distance_m: float,
+) -> None:
+    for i in range(bearings.size):
+        if ranges[i] > max_distance_m:
+            continue
+        x = x_m + ranges[i] * np.cos(yaw_rad + bearings[i])
+        y = y_m + ranges[i] * np.sin(yaw_rad + bearings[i])
+        row = int(np.floor(y / CELL_M)) % CELLS
+        column = int(np.floor(x / CELL_M)) % CELLS
+        points[row, column, 0] = x
+        points[row, column, 1] = y
+        seen[row, column] = t_s
+
+
+@njit(cache=True, nogil=True)
+def _recall(
+    points: NDArray[np.float64],
+    seen: NDArray[np.float64],
+    ranges: FloatArray,
+    state: NDArray[np.uint8],
+    fresh: NDArray[np.bool_],
+    x_m: float,
+    y_m: float,
+    yaw_rad: float,
+    t_s: float,
+    max_age_s: float,
+    max_distance_m: float,
+) -> None:
+    bins = ranges.size
+    scale = bins / (2.0 * np.pi)
+    for row in range(CELLS):
+        for column in range(CELLS):
+            age = t_s - seen[row, column]
+            if age > max_age_s:
+                continue
+            dx = points[row, column, 0] - x_m
+            dy = points[row, column, 1] - y_m
+            distance = np.sqrt(dx * dx + dy * dy)
+            if distance > max_distance_m:
+                seen[row, column] = -np.inf
+                continue
+            bearing = (np.arctan2(dy, dx) - yaw_rad + np.pi) % (2.0 * np.pi)
+            b = min(bins - 1, int(bearing * scale))
+            if fresh[b] and state[b] != UNKNOWN:
+                if distance < ranges[b] - SEEN_THROUGH_M:
+                    seen[row, column] = -np.inf
+                continue
+            if state[b] != HIT or distance < ranges[b]:
+                ranges[b] = distance
+                state[b] = HIT
+                fresh[b] = False

@@ -1,0 +1,1 @@
+"""A mine, a vehicle and its sensors made of software, for flying `companion` without hardware."""

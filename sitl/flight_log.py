@@ -1,0 +1,101 @@
+"""What happened in a simulated flight, tick by tick, as columns."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.model import Measurement, Mode, Pose, Setpoint
+
+COLUMNS = (
+    "t_s",
+    "x_m",
+    "y_m",
+    "z_m",
+    "yaw_rad",
+    "estimated_x_m",
+    "estimated_y_m",
+    "estimated_z_m",
+    "estimated_yaw_rad",
+    "d_m",
+    "d_front_m",
+    "true_d_m",
+    "h_m",
+    "speed_mps",
+    "setpoint_speed_mps",
+    "setpoint_climb_mps",
+    "setpoint_yaw_rate_radps",
+)
+MODES = tuple(Mode)
+
+
+class FlightLog:
+    """Rows of `COLUMNS` and the mode of each; NaN where a value was not known.
+
+    ``true_d_m`` is filled afterwards, from the true mesh: the vehicle does not know it.
+    """
+
+    def __init__(self, vehicle_id: int = 1) -> None:
+        self.vehicle_id = vehicle_id
+        self._rows = np.full((4096, len(COLUMNS)), np.nan)
+        self._modes = np.zeros(4096, np.uint8)
+        self._size = 0
+
+    def __len__(self) -> int:
+        return self._size
+
+    def append(
+        self, true: Pose, estimated: Pose, measurement: Measurement, mode: Mode, setpoint: Setpoint, speed_mps: float
+    ) -> None:
+        """Add one tick."""
+        if self._size == len(self._rows):
+            self._rows = np.concatenate([self._rows, np.full_like(self._rows, np.nan)])
+            self._modes = np.concatenate([self._modes, np.zeros_like(self._modes)])
+        nan = float("nan")
+        self._rows[self._size] = (
+            true.t_s,
+            true.x_m,
+            true.y_m,
+            true.z_m,
+            true.yaw_rad,
+            estimated.x_m,
+            estimated.y_m,
+            estimated.z_m,
+            estimated.yaw_rad,
+            nan if measurement.d_m is None else measurement.d_m,
+            nan if measurement.d_front_m is None else measurement.d_front_m,
+            nan,
+            nan if measurement.h_m is None else measurement.h_m,
+            speed_mps,
+            setpoint.speed_mps,
+            setpoint.climb_mps,
+            setpoint.yaw_rate_radps,
+        )
+        self._modes[self._size] = MODES.index(mode)
+        self._size += 1
+
+    def column(self, name: str) -> NDArray[np.float64]:
+        """The (ticks,) values of one of `COLUMNS`: a view, valid until the next `append`."""
+        return self._rows[: self._size, COLUMNS.index(name)]
+
+    @property
+    def modes(self) -> NDArray[np.uint8]:
+        """The (ticks,) indices into `MODES`."""
+        return self._modes[: self._size]
+
+    @property
+    def positions_m(self) -> NDArray[np.float64]:
+        """The (ticks, 3) true positions."""
+        return self._rows[: self._size, 1:4]
+
+    def write_csv(self, path: Path) -> None:
+        """Write every tick; an unknown value is an empty cell."""
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(("t_s", "mode", *COLUMNS[1:]))
+            for row, mode in zip(self._rows[: self._size], self.modes, strict=True):
+                cells = ["" if np.isnan(value) else f"{value:.4f}" for value in row]
+                writer.writerow((cells[0], str(MODES[mode]), *cells[1:]))

@@ -1,0 +1,296 @@
+"""What a complete map would hold: the surface that can be seen from where a vehicle can fly (paper Definition 2.3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sitl.raycast import RayCaster
+from sitl.worlds.model import World
+
+Array = NDArray[np.float64]
+Points = NDArray[np.float32]
+
+_STEP_M = 0.5
+_LEAST_ROOF_M = 0.3
+_FAN = 36
+_NEXT = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+_DOWN, _UP = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 1.0])
+
+_SAME_LEVEL_M = 0.5
+"""Two places over one cell that are nearer than this in height are the same place."""
+
+_DENSITY = 8.0
+"""How many points are tried for each voxel's worth of surface."""
+
+_STOP_M = 0.02
+"""A look ends this far before the sample, which lies on the very surface that would stop it."""
+
+_NEAREST, _LOOKS = 8, 64
+"""From how many points of S a sample is looked at: the nearest ones, and so many in all, out to the camera's range."""
+
+_GROUP_M = 1.0
+"""Samples this close together are looked at from the same points."""
+
+_BATCH = 8192
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """The part of a world's surface that a perfect flight would map.
+
+    Attributes:
+        samples_m: (n, 3) float32, one point of the visible surface for each voxel that holds some.
+        sample_areas_m2: (n,) float32, how much surface each stands for.
+        area_share_visible: visible over total surface; the rest is out of reach or hidden for ever.
+        traveling_surface_m: (k, 3) points of S, on a square grid.
+        reach_m2: area of S that a vehicle with the given margin can reach.
+    """
+
+    samples_m: Points
+    sample_areas_m2: Points
+    area_share_visible: float
+    traveling_surface_m: Array
+    reach_m2: float
+
+    @classmethod
+    def of(
+        cls,
+        world: World,
+        caster: RayCaster,
+        start_xyz: tuple[float, float, float],
+        height_m: float,
+        margin_m: float,
+        voxel_m: float,
+        max_range_m: float,
+    ) -> Truth:
+        """The truth for a vehicle that starts at ``start_xyz`` and flies ``height_m`` above ground.
+
+        Args:
+            world: the world.
+            caster: casts rays in that world.
+            start_xyz: x, y, z in m.
+            height_m: H, the height of the traveling surface above ground.
+            margin_m: d_s, the horizontal distance that is kept from everything.
+            voxel_m: side of the voxels of the map that will be compared with this.
+            max_range_m: how far the camera sees.
+        """
+        surface = traveling_surface(caster, start_xyz, height_m, margin_m, _STEP_M)
+        samples, areas = surface_samples(world, voxel_m)
+        seen = visible_samples(caster, samples, surface, max_range_m)
+        share = float(areas[seen].sum(dtype=np.float64) / areas.sum(dtype=np.float64))
+        return cls(samples[seen], areas[seen], share, surface, len(surface) * _STEP_M**2)
+
+
+def traveling_surface(
+    caster: RayCaster,
+    start_xyz: tuple[float, float, float],
+    height_m: float,
+    margin_m: float,
+    step_m: float = _STEP_M,
+    max_slope: float = 0.7,
+    start_margin_m: float | None = None,
+) -> Array:
+    """The points of the traveling surface S (paper Definition 3.1) that can be reached from a start.
+
+    A flood fill, wave by wave, over a horizontal square grid through the start. A neighbour belongs to S if the way to
+    it is free, its ground is not steeper than ``max_slope``, nothing is horizontally nearer to it than ``margin_m``,
+    and the roof is not right above it. Places above each other stay apart.
+
+    Args:
+        caster: casts rays in the world.
+        start_xyz: x, y, z in m, somewhere above the floor.
+        height_m: H, height above ground.
+        margin_m: d_s, least horizontal distance to anything, at that height.
+        step_m: side of the grid.
+        max_slope: greatest rise over run of the ground between neighbours.
+        start_margin_m: the same as ``margin_m`` for the start itself, which may lie nearer to a wall.
+
+    Returns:
+        (k, 3) in m, the start's own point first; k = 0 if the start is not part of S.
+    """
+    origin = np.asarray(start_xyz, dtype=np.float64)
+    ground = origin[2] - caster.cast(origin, _DOWN)[0]
+    wave = np.array([[origin[0], origin[1], ground + height_m]])
+    if not np.isfinite(ground) or not _has_room(caster, wave, margin_m if start_margin_m is None else start_margin_m):
+        return np.empty((0, 3))
+
+    cells = np.zeros((1, 2), dtype=np.int64)
+    looked_at = _Levels()
+    looked_at.add(cells, wave[:, 2])
+    found = [wave]
+    while len(wave) > 0:
+        parents = np.repeat(wave, 4, axis=0)
+        cells = (cells[:, None] + _NEXT).reshape(-1, 2)
+        there = np.column_stack([origin[:2] + cells * step_m, parents[:, 2]])
+        free = caster.cast(parents, there - parents) > 1.0
+        there[:, 2] += height_m - caster.cast(there, _DOWN)
+        free &= np.abs(there[:, 2] - parents[:, 2]) <= max_slope * step_m
+        cells, parents, there = cells[free], parents[free], there[free]
+        free = caster.cast(parents, there - parents) > 1.0
+        cells, there = cells[free], there[free]
+        fresh = looked_at.add(cells, there[:, 2])
+        cells, there = cells[fresh], there[fresh]
+        room = _has_room(caster, there, margin_m)
+        cells, wave = cells[room], there[room]
+        found.append(wave)
+    return np.concatenate(found)
+
+
+class _Levels:
+    """Which places of a grid have been looked at: for each cell the heights."""
+
+    def __init__(self) -> None:
+        self._heights_m: dict[tuple[int, int], list[float]] = {}
+
+    def add(self, cells: NDArray[np.int64], heights_m: Array) -> NDArray[np.bool_]:
+        """Adds places, and says of each (n,) whether it is new."""
+        fresh = np.zeros(len(cells), dtype=bool)
+        for k, (x, y, height_m) in enumerate(zip(*cells.T.tolist(), heights_m.tolist(), strict=True)):
+            known = self._heights_m.setdefault((x, y), [])
+            fresh[k] = all(abs(height_m - other) > _SAME_LEVEL_M for other in known)
+            if fresh[k]:
+                known.append(height_m)
+        return fresh
+
+
+def _has_room(caster: RayCaster, points: Array, margin_m: float) -> NDArray[np.bool_]:
+    """Whether nothing is horizontally nearer than ``margin_m`` to each point, and the roof not right above it."""
+    roof_m = caster.cast(points, _UP)
+    return (_fan_ranges(caster, points, _FAN).min(axis=1, initial=np.inf) >= margin_m) & (roof_m > _LEAST_ROOF_M)
+
+
+def _fan_ranges(caster: RayCaster, points: Array, bearings: int) -> Points:
+    """(n, bearings) horizontal ranges in m around points (n, 3)."""
+    angles = np.arange(bearings) * (2.0 * np.pi / bearings)
+    fan = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(bearings)])
+    return caster.cast(np.repeat(points, bearings, axis=0), np.tile(fan, (len(points), 1))).reshape(-1, bearings)
+
+
+def horizontal_clearance(caster: RayCaster, points: Array, half_height_m: float, bearings: int = 72) -> Points:
+    """The true least horizontal distance of a body to anything: what a flight is scored by.
+
+    Args:
+        caster: casts rays in the world.
+        points: (n, 3) where the body's middle is, in m.
+        half_height_m: the body reaches this far up and down; a floor or a roof that is nearer cuts it short.
+        bearings: how many directions are measured, at the body's top, middle and bottom.
+
+    Returns:
+        (n,) in m.
+    """
+    clearances = []
+    for begin in range(0, len(points), _BATCH):
+        middle = np.asarray(points[begin : begin + _BATCH], dtype=np.float64)
+        least = _fan_ranges(caster, middle, bearings).min(axis=1)
+        for way in (_DOWN, _UP):
+            reach_m = np.minimum(half_height_m, caster.cast(middle, np.broadcast_to(way, middle.shape)) - _STOP_M)
+            rim = middle + way * np.maximum(reach_m, 0.0)[:, None]
+            least = np.minimum(least, _fan_ranges(caster, rim, bearings).min(axis=1))
+        clearances.append(least)
+    return np.concatenate(clearances) if clearances else np.empty(0, dtype=np.float32)
+
+
+def surface_samples(world: World, voxel_m: float) -> tuple[Points, Points]:
+    """One point of the surface for each voxel that the surface passes through.
+
+    The surface is covered evenly with points (a low-discrepancy sequence, so the same world gives the same points), and
+    of those in one voxel the one nearest to their mean is kept.
+
+    Returns:
+        (n, 3) float32 points in m, and (n,) float32 how much surface in m² each stands for.
+    """
+    corners = world.vertices_m[world.triangles].astype(np.float64)
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2.0
+    reached = np.floor(np.cumsum(areas) * (_DENSITY / voxel_m**2)).astype(np.int64)
+    owner = np.repeat(np.arange(len(areas)), np.diff(reached, prepend=0))
+    index = np.arange(1, len(owner) + 1)
+    u, v = index * 0.7548776662466927 % 1.0, index * 0.5698402909980532 % 1.0  # the R2 sequence
+    folded = u + v > 1.0
+    u, v = np.where(folded, 1.0 - u, u), np.where(folded, 1.0 - v, v)
+    a, b, c = corners[owner].transpose(1, 0, 2)
+    points = a + u[:, None] * (b - a) + v[:, None] * (c - a)
+
+    # Voxels that no wall at a round coordinate lies on the border of: rounding would put it half into either.
+    cells = np.floor(points / voxel_m + [0.3719, 0.4217, 0.2911]).astype(np.int64)
+    order, starts = _grouped(cells)
+    counts = np.diff(starts, append=len(order))
+    points = points[order]
+    means = np.add.reduceat(points, starts) / counts[:, None]
+    off = np.sum((points - np.repeat(means, counts, axis=0)) ** 2, axis=1)
+    nearest = np.flatnonzero(off == np.repeat(np.minimum.reduceat(off, starts), counts))
+    kept = nearest[np.searchsorted(nearest, starts)]
+    return points[kept].astype(np.float32), (counts * (voxel_m**2 / _DENSITY)).astype(np.float32)
+
+
+def _grouped(cells: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """An order (n,) that brings equal cells (n, 3) together, and where each group starts in it."""
+    sizes = np.ptp(cells, axis=0) + 1
+    low = cells - cells.min(axis=0)
+    keys = (low[:, 0] * sizes[1] + low[:, 1]) * sizes[2] + low[:, 2]
+    order = np.argsort(keys, kind="stable")
+    return order, np.flatnonzero(np.diff(keys[order], prepend=-1))
+
+
+def visible_samples(
+    caster: RayCaster, samples: Points, surface_points: Array, max_range_m: float, looks: int = _LOOKS
+) -> NDArray[np.bool_]:
+    """Which samples can be seen from the traveling surface, looking in all directions out to ``max_range_m``.
+
+    Args:
+        caster: casts rays in the world.
+        samples: (n, 3) points on the world's surface.
+        surface_points: (k, 3) points of S.
+        max_range_m: how far the camera sees.
+        looks: from how many points of S a sample is looked at before it counts as hidden.
+
+    Returns:
+        (n,) bool.
+    """
+    visible = np.zeros(len(samples), dtype=bool)
+    if len(samples) == 0 or len(surface_points) == 0:
+        return visible
+    order, starts = _grouped(np.floor(samples / _GROUP_M).astype(np.int64))
+    group = np.empty(len(samples), dtype=np.int64)
+    group[order] = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(order)))
+    centres = (np.floor(samples[order[starts]] / _GROUP_M) + 0.5) * _GROUP_M
+    viewpoints = _viewpoints(centres, surface_points, max_range_m + _GROUP_M, looks)
+
+    hidden = np.arange(len(samples))
+    for look in range(looks):
+        source = viewpoints[group[hidden], look]
+        hidden, source = hidden[source >= 0], source[source >= 0]
+        ways = samples[hidden] - surface_points[source]
+        lengths = np.linalg.norm(ways, axis=1)
+        clear = caster.cast(surface_points[source], ways) * lengths >= lengths - _STOP_M
+        seen = clear & (lengths <= max_range_m)
+        visible[hidden[seen]] = True
+        hidden = hidden[~seen]
+    return visible
+
+
+def _viewpoints(centres: Array, surface_points: Array, range_m: float, looks: int) -> NDArray[np.int64]:
+    """For each centre (g, 3) the points of S within range that are tried, the nearest first, then evenly by distance.
+
+    Returns:
+        (g, looks) indices into ``surface_points``, -1 where there are no more.
+    """
+    chosen = np.full((len(centres), looks), -1)
+    blocks = np.floor(centres / range_m).astype(np.int64)
+    order, starts = _grouped(blocks)
+    for members in np.split(order, starts[1:]):
+        corner = blocks[members[0]] * range_m
+        near = np.flatnonzero(np.all(np.abs(surface_points - corner - range_m / 2) <= 1.5 * range_m, axis=1))
+        if len(near) == 0:
+            continue
+        distances = np.linalg.norm(centres[members, None] - surface_points[near], axis=2)
+        by_distance = np.argsort(distances, axis=1, kind="stable")
+        count = np.sum(distances <= range_m, axis=1)[:, None]
+        rank = np.arange(looks)[None]
+        spread = _NEAREST + (rank - _NEAREST) * (count - _NEAREST) // (looks - _NEAREST)
+        rank = np.where((rank < _NEAREST) | (count <= looks), rank, spread)
+        picked = near[np.take_along_axis(by_distance, np.minimum(rank, len(near) - 1), axis=1)]
+        chosen[members] = np.where(rank < count, picked, -1)
+    return chosen

@@ -1,0 +1,103 @@
+"""A multicopter that follows velocity and yaw-rate setpoints the way an autopilot lets it."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from companion.config.sim import DynamicsSettings
+from companion.model import Pose, Setpoint, wrap_rad
+
+GRAVITY_MPS2 = 9.81
+DISTURBANCE_TIME_S = 5.0
+"""Correlation time of the slow disturbance: PX4 drifts by decimetres in ten seconds, not back and forth."""
+
+
+class Vehicle:
+    """Velocity response of first order with limited acceleration; the body tilts as the acceleration needs it.
+
+    Args:
+        settings: response, limits, latency and disturbance.
+        start: true pose at time 0.
+        rng: for the disturbance.
+    """
+
+    def __init__(self, settings: DynamicsSettings, start: Pose, rng: np.random.Generator) -> None:
+        self.pose = start
+        """The true pose."""
+        self.path_m = 0.0
+        """Length of the way flown."""
+        self._settings = settings
+        self._rng = rng
+        self._forward_mps = 0.0
+        self._side_mps = 0.0
+        self._climb_mps = 0.0
+        self._yaw_rate_radps = 0.0
+        self._disturbance = rng.normal(0.0, 1.0, 3) * settings.drift_mps
+        self._pending: deque[Setpoint] = deque(maxlen=256)
+        self._setpoint = Setpoint(start.t_s, 0.0, 0.0, 0.0)
+
+    @property
+    def forward_mps(self) -> float:
+        """True speed along the heading."""
+        return self._forward_mps
+
+    def command(self, setpoint: Setpoint) -> None:
+        """Hand over a setpoint; it takes effect after the configured latency."""
+        self._pending.append(setpoint)
+
+    def step(self, dt_s: float) -> Pose:
+        """Move on by ``dt_s`` and return the new true pose."""
+        settings, old = self._settings, self.pose
+        t_s = old.t_s + dt_s
+        while self._pending and self._pending[0].t_s + settings.command_latency_s <= t_s:
+            self._setpoint = self._pending.popleft()
+        self._disturb(dt_s)
+        gust_forward, gust_side, gust_climb = (float(x) for x in self._disturbance)
+        limit = settings.max_acceleration_mps2
+        before = (self._forward_mps, self._side_mps)
+        forward_to = self._setpoint.speed_mps * settings.speed_gain + gust_forward
+        climb_to = self._setpoint.climb_mps * settings.speed_gain + gust_climb
+        turn_to = self._setpoint.yaw_rate_radps * settings.yaw_rate_gain
+        self._forward_mps = _follow(self._forward_mps, forward_to, settings.speed_lag_s, limit, dt_s)
+        self._side_mps = _follow(self._side_mps, gust_side, settings.speed_lag_s, limit, dt_s)
+        self._climb_mps = _follow(self._climb_mps, climb_to, settings.speed_lag_s, limit, dt_s)
+        self._yaw_rate_radps = _follow(
+            self._yaw_rate_radps, turn_to, settings.yaw_rate_lag_s, settings.max_yaw_acceleration_radps2, dt_s
+        )
+        yaw_rad = wrap_rad(old.yaw_rad + self._yaw_rate_radps * dt_s)
+        middle_rad = old.yaw_rad + 0.5 * self._yaw_rate_radps * dt_s
+        vx = self._forward_mps * math.cos(middle_rad) - self._side_mps * math.sin(middle_rad)
+        vy = self._forward_mps * math.sin(middle_rad) + self._side_mps * math.cos(middle_rad)
+        # To accelerate forward the nose goes down (positive pitch), to accelerate left the left side goes down.
+        forward_mps2 = (self._forward_mps - before[0]) / dt_s - self._yaw_rate_radps * self._side_mps
+        left_mps2 = (self._side_mps - before[1]) / dt_s + self._yaw_rate_radps * self._forward_mps
+        self.pose = Pose(
+            t_s=t_s,
+            x_m=old.x_m + vx * dt_s,
+            y_m=old.y_m + vy * dt_s,
+            z_m=old.z_m + self._climb_mps * dt_s,
+            yaw_rad=yaw_rad,
+            roll_rad=-math.atan2(left_mps2, GRAVITY_MPS2),
+            pitch_rad=math.atan2(forward_mps2, GRAVITY_MPS2),
+            vx_mps=vx,
+            vy_mps=vy,
+            vz_mps=self._climb_mps,
+            yaw_rate_radps=self._yaw_rate_radps,
+        )
+        self.path_m += math.sqrt(vx * vx + vy * vy + self._climb_mps**2) * dt_s
+        return self.pose
+
+    def _disturb(self, dt_s: float) -> None:
+        keep = math.exp(-dt_s / DISTURBANCE_TIME_S)
+        push = self._settings.drift_mps * math.sqrt(1.0 - keep * keep)
+        self._disturbance = keep * self._disturbance + push * self._rng.standard_normal(3)
+
+
+def _follow(value: float, target: float, lag_s: float, limit: float, dt_s: float) -> float:
+    """One step of a first-order response whose rate is limited."""
+    share = 1.0 - math.exp(-dt_s / lag_s) if lag_s > 0.0 else 1.0
+    change = (target - value) * share
+    return value + max(-limit * dt_s, min(limit * dt_s, change))

@@ -1,0 +1,33 @@
+"""What a world is: one triangle mesh and where a vehicle may start in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.model import Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class World:
+    """A mine, cave or tunnel as a triangle mesh, in the world frame (east-north-up, m).
+
+    Attributes:
+        name: what a report calls it; it holds the seed of a world that was drawn at random.
+        vertices_m: (n, 3) float32.
+        triangles: (m, 3) int32 indices into ``vertices_m``. The triangles of generated worlds face the free space;
+            those of a mesh file may face anywhere.
+        start: where the vehicle starts, or ``None`` where that is left to whoever flies it.
+        start_area_m: (k, 3) points on the floor along the middle of the drifts, from which a start may be drawn; empty
+            for mesh files.
+        description: one sentence for people.
+    """
+
+    name: str
+    vertices_m: NDArray[np.float32]
+    triangles: NDArray[np.int32]
+    start: Pose | None
+    start_area_m: NDArray[np.float64]
+    description: str
