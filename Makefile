@@ -5,7 +5,7 @@
 # A shell prepared for ROS or conda would bring its own packages along.
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 
-ARGS ?=
+ARGS =
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile

@@ -133,9 +133,10 @@ def _summary(command: EntryPoint) -> str:
     try:
         spec = importlib.util.find_spec(command.module)
         source = Path(spec.origin).read_text(encoding="utf-8") if spec is not None and spec.origin else ""
-    except (ImportError, OSError):
-        source = ""
-    for node in ast.parse(source).body:
+        body = ast.parse(source).body
+    except (ImportError, OSError, SyntaxError):
+        return ""
+    for node in body:
         if isinstance(node, ast.FunctionDef) and node.name == command.attr:
             return (ast.get_docstring(node) or "").partition("\n\n")[0]
     return ""

@@ -17,10 +17,10 @@ class RayCaster:
     """
 
     def __init__(self, world: World, threads: int = 1) -> None:
-        import open3d  # noqa: PLC0415  (3 s; only those pay for it who cast rays)
+        import open3d  # takes 3 s: only those wait who cast rays
 
         self._threads = threads
-        self._tensor = open3d.core.Tensor
+        self._tensor = open3d.core.Tensor.from_numpy
         self._scene = open3d.t.geometry.RaycastingScene(nthreads=threads)
         self._scene.add_triangles(
             self._tensor(np.ascontiguousarray(world.vertices_m, dtype=np.float32)),

@@ -119,9 +119,7 @@ class _Chunks:
         centres = (np.minimum.reduceat(own, first) + np.maximum.reduceat(own, first)) / 2
         away = np.linalg.norm(own - np.repeat(centres, np.diff(vertex_starts), axis=0), axis=1)
         radii = np.maximum.reduceat(away, first)
-        return cls(
-            own, vertex_starts, (local - vertex_starts[owner]).reshape(-1, 3), triangle_starts, centres, radii
-        )
+        return cls(own, vertex_starts, (local - vertex_starts[owner]).reshape(-1, 3), triangle_starts, centres, radii)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -222,7 +220,10 @@ def _chunks_in_view(
         if forward + radius < NEAR_M or forward - radius > far:
             continue
         left = x * axes[0, 1] + y * axes[1, 1] + z * axes[2, 1]
-        if left - left_slope * forward > radius * left_stretch or -left - right_slope * forward > radius * right_stretch:
+        if (
+            left - left_slope * forward > radius * left_stretch
+            or -left - right_slope * forward > radius * right_stretch
+        ):
             continue
         up = x * axes[0, 2] + y * axes[1, 2] + z * axes[2, 2]
         if up - up_slope * forward > radius * up_stretch or -up - down_slope * forward > radius * down_stretch:
@@ -268,7 +269,7 @@ def _covers_a_pixel(polygon: Array, count: int, width: int, height: int) -> bool
         low_v, high_v = min(low_v, polygon[k, 1]), max(high_v, polygon[k, 1])
     low_u, high_u = max(np.ceil(low_u - _EDGE_PX), 0.0), min(np.floor(high_u + _EDGE_PX), width - 1.0)
     low_v, high_v = max(np.ceil(low_v), 0.0), min(np.floor(high_v), height - 1.0)
-    return low_u <= high_u and low_v <= high_v
+    return bool(low_u <= high_u and low_v <= high_v)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -133,8 +133,8 @@ class SensorRig:
         depth = self._renderer.render(true)
         if noise.enabled:
             spread = self._rng.standard_normal(depth.shape, np.float32)
-            dropped = self._rng.random(depth.shape, np.float32)
-            _spoil(depth, spread, dropped, noise.depth_noise_per_m2, noise.depth_dropout_share)
+            dropped = self._rng.integers(0, depth.size, round(noise.depth_dropout_share * depth.size))
+            _spoil(depth, spread, dropped, noise.depth_noise_per_m2)
         _hide_near(depth, self._camera.min_range_m)
         delay_s = noise.depth_latency_s if noise.enabled else 0.0
         self._in_flight.append((true.t_s + delay_s, DepthFrame(true.t_s, depth, self._camera, pose)))
@@ -169,20 +169,17 @@ class SensorRig:
 
 @njit(cache=True, nogil=True)
 def _spoil(
-    depth: NDArray[np.float32],
-    spread: NDArray[np.float32],
-    dropped: NDArray[np.float32],
-    noise_per_m2: float,
-    dropout_share: float,
+    depth: NDArray[np.float32], spread: NDArray[np.float32], dropped: NDArray[np.int64], noise_per_m2: float
 ) -> None:
     """Depth noise that grows with the square of the depth, as in stereo cameras, and dropped pixels, in place."""
-    for v in range(depth.shape[0]):
-        for u in range(depth.shape[1]):
-            if dropped[v, u] < dropout_share:
-                depth[v, u] = np.nan
-            elif depth[v, u] < np.inf:
-                z = depth[v, u]
-                depth[v, u] = z + np.float32(noise_per_m2) * z * z * spread[v, u]
+    z, noise = depth.ravel(), spread.ravel()
+    scale = np.float32(noise_per_m2)
+    for i in range(z.size):
+        # No surface is infinitely far, and infinity times noise would be a NaN.
+        if z[i] < np.inf:
+            z[i] += scale * z[i] * z[i] * noise[i]
+    for i in dropped:
+        z[i] = np.nan
 
 
 @njit(cache=True, nogil=True)

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
+from companion.errors import InputError
 from sitl.raycast import RayCaster
 from sitl.worlds.model import World
 
@@ -28,8 +30,9 @@ _DENSITY = 8.0
 _STOP_M = 0.02
 """A look ends this far before the sample, which lies on the very surface that would stop it."""
 
-_NEAREST, _LOOKS = 8, 64
-"""From how many points of S a sample is looked at: the nearest ones, and so many in all, out to the camera's range."""
+_NEAREST, _FIRST_LOOKS, _LOOKS = 8, 24, 96
+"""From how many points of S a sample is looked at: the nearest ones, then so many, out to the camera's range, before a
+whole group is given up, and so many in all."""
 
 _GROUP_M = 1.0
 """Samples this close together are looked at from the same points."""
@@ -65,6 +68,8 @@ class Truth:
         margin_m: float,
         voxel_m: float,
         max_range_m: float,
+        step_m: float = _STEP_M,
+        start_margin_m: float | None = None,
     ) -> Truth:
         """The truth for a vehicle that starts at ``start_xyz`` and flies ``height_m`` above ground.
 
@@ -76,12 +81,24 @@ class Truth:
             margin_m: d_s, the horizontal distance that is kept from everything.
             voxel_m: side of the voxels of the map that will be compared with this.
             max_range_m: how far the camera sees.
+            step_m: side of the grid on which S is sought. It finds passages that are wider than twice ``margin_m`` by
+                1.5 steps, whatever their direction.
+            start_margin_m: the margin at the start itself, if the start lies nearer to a wall.
+
+        Raises:
+            InputError: the start is not part of S: too near to a wall or to the roof, or not above a floor.
         """
-        surface = traveling_surface(caster, start_xyz, height_m, margin_m, _STEP_M)
+        surface = traveling_surface(caster, start_xyz, height_m, margin_m, step_m=step_m, start_margin_m=start_margin_m)
+        if len(surface) == 0:
+            x_m, y_m, _ = start_xyz
+            raise InputError(
+                f"start ({x_m:.2f}, {y_m:.2f}) in world {world.name}: a vehicle {height_m:.2f} m above the floor there "
+                f"has not {margin_m if start_margin_m is None else start_margin_m:.2f} m of room to every side"
+            )
         samples, areas = surface_samples(world, voxel_m)
         seen = visible_samples(caster, samples, surface, max_range_m)
         share = float(areas[seen].sum(dtype=np.float64) / areas.sum(dtype=np.float64))
-        return cls(samples[seen], areas[seen], share, surface, len(surface) * _STEP_M**2)
+        return cls(samples[seen], areas[seen], share, surface, len(surface) * step_m**2)
 
 
 def traveling_surface(
@@ -159,7 +176,8 @@ class _Levels:
 def _has_room(caster: RayCaster, points: Array, margin_m: float) -> NDArray[np.bool_]:
     """Whether nothing is horizontally nearer than ``margin_m`` to each point, and the roof not right above it."""
     roof_m = caster.cast(points, _UP)
-    return (_fan_ranges(caster, points, _FAN).min(axis=1, initial=np.inf) >= margin_m) & (roof_m > _LEAST_ROOF_M)
+    around_m = _fan_ranges(caster, points, _FAN).min(axis=1)
+    return np.asarray((around_m >= margin_m) & (roof_m > _LEAST_ROOF_M))
 
 
 def _fan_ranges(caster: RayCaster, points: Array, bearings: int) -> Points:
@@ -205,24 +223,53 @@ def surface_samples(world: World, voxel_m: float) -> tuple[Points, Points]:
     corners = world.vertices_m[world.triangles].astype(np.float64)
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2.0
     reached = np.floor(np.cumsum(areas) * (_DENSITY / voxel_m**2)).astype(np.int64)
-    owner = np.repeat(np.arange(len(areas)), np.diff(reached, prepend=0))
-    index = np.arange(1, len(owner) + 1)
-    u, v = index * 0.7548776662466927 % 1.0, index * 0.5698402909980532 % 1.0  # the R2 sequence
-    folded = u + v > 1.0
-    u, v = np.where(folded, 1.0 - u, u), np.where(folded, 1.0 - v, v)
-    a, b, c = corners[owner].transpose(1, 0, 2)
-    points = a + u[:, None] * (b - a) + v[:, None] * (c - a)
-
-    # Voxels that no wall at a round coordinate lies on the border of: rounding would put it half into either.
-    cells = np.floor(points / voxel_m + [0.3719, 0.4217, 0.2911]).astype(np.int64)
+    points, cells = _covering(corners, reached, voxel_m)
     order, starts = _grouped(cells)
     counts = np.diff(starts, append=len(order))
-    points = points[order]
-    means = np.add.reduceat(points, starts) / counts[:, None]
-    off = np.sum((points - np.repeat(means, counts, axis=0)) ** 2, axis=1)
-    nearest = np.flatnonzero(off == np.repeat(np.minimum.reduceat(off, starts), counts))
-    kept = nearest[np.searchsorted(nearest, starts)]
-    return points[kept].astype(np.float32), (counts * (voxel_m**2 / _DENSITY)).astype(np.float32)
+    return points[_central(points, order, starts, counts)], (counts * (voxel_m**2 / _DENSITY)).astype(np.float32)
+
+
+@njit(cache=True, nogil=True)
+def _covering(corners: Array, reached: NDArray[np.int64], voxel_m: float) -> tuple[Points, NDArray[np.int64]]:
+    """Points spread evenly over triangles (m, 3, 3), and their voxels; triangles 0 to t get ``reached[t]`` of them."""
+    points = np.empty((reached[-1], 3), dtype=np.float32)
+    cells = np.empty((reached[-1], 3), dtype=np.int64)
+    # Voxels that no wall at a round coordinate lies on the border of: rounding would put it half into either.
+    shift = (0.3719, 0.4217, 0.2911)
+    k = 0
+    for t in range(len(reached)):
+        while k < reached[t]:
+            u, v = k * 0.7548776662466927 % 1.0, k * 0.5698402909980532 % 1.0  # the R2 sequence
+            if u + v > 1.0:
+                u, v = 1.0 - u, 1.0 - v
+            for axis in range(3):
+                a = corners[t, 0, axis]
+                value = a + u * (corners[t, 1, axis] - a) + v * (corners[t, 2, axis] - a)
+                points[k, axis] = value
+                cells[k, axis] = int(np.floor(value / voxel_m + shift[axis]))
+            k += 1
+    return points, cells
+
+
+@njit(cache=True, nogil=True)
+def _central(
+    points: Points, order: NDArray[np.int64], starts: NDArray[np.int64], counts: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Of each group of points the index of the one nearest to the group's mean."""
+    central = np.empty(len(starts), dtype=np.int64)
+    for group in range(len(starts)):
+        members = order[starts[group] : starts[group] + counts[group]]
+        x = y = z = 0.0
+        for k in members:
+            x += points[k, 0] / len(members)
+            y += points[k, 1] / len(members)
+            z += points[k, 2] / len(members)
+        least = np.inf
+        for k in members:
+            off = (points[k, 0] - x) ** 2 + (points[k, 1] - y) ** 2 + (points[k, 2] - z) ** 2
+            if off < least:
+                least, central[group] = off, k
+    return central
 
 
 def _grouped(cells: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -260,23 +307,29 @@ def visible_samples(
 
     hidden = np.arange(len(samples))
     for look in range(looks):
-        source = viewpoints[group[hidden], look]
-        hidden, source = hidden[source >= 0], source[source >= 0]
-        ways = samples[hidden] - surface_points[source]
+        tried = hidden[viewpoints[group[hidden], look] >= 0]
+        source = viewpoints[group[tried], look]
+        ways = samples[tried] - surface_points[source]
         lengths = np.linalg.norm(ways, axis=1)
         clear = caster.cast(surface_points[source], ways) * lengths >= lengths - _STOP_M
-        seen = clear & (lengths <= max_range_m)
-        visible[hidden[seen]] = True
-        hidden = hidden[~seen]
+        visible[tried[clear & (lengths <= max_range_m)]] = True
+        hidden = hidden[~visible[hidden]]
+        if look == _FIRST_LOOKS:  # where nothing was seen from so many points, there is rock between: do not go on
+            hopeful = np.zeros(len(starts), dtype=bool)
+            hopeful[group[visible]] = True
+            hidden = hidden[hopeful[group[hidden]]]
     return visible
 
 
 def _viewpoints(centres: Array, surface_points: Array, range_m: float, looks: int) -> NDArray[np.int64]:
-    """For each centre (g, 3) the points of S within range that are tried, the nearest first, then evenly by distance.
+    """For each centre (g, 3) the points of S within range that are tried: the nearest, then evenly by distance.
 
     Returns:
-        (g, looks) indices into ``surface_points``, -1 where there are no more.
+        (g, looks) indices into ``surface_points`` in the order of trying, so that any number of the first ones is
+        spread over all distances; -1 where there is none.
     """
+    spread_order = _NEAREST + np.argsort(np.arange(looks - _NEAREST) * 0.6180339887498949 % 1.0)
+    trying = np.concatenate([np.arange(_NEAREST), spread_order])
     chosen = np.full((len(centres), looks), -1)
     blocks = np.floor(centres / range_m).astype(np.int64)
     order, starts = _grouped(blocks)
@@ -292,5 +345,5 @@ def _viewpoints(centres: Array, surface_points: Array, range_m: float, looks: in
         spread = _NEAREST + (rank - _NEAREST) * (count - _NEAREST) // (looks - _NEAREST)
         rank = np.where((rank < _NEAREST) | (count <= looks), rank, spread)
         picked = near[np.take_along_axis(by_distance, np.minimum(rank, len(near) - 1), axis=1)]
-        chosen[members] = np.where(rank < count, picked, -1)
+        chosen[members] = np.where(rank < count, picked, -1)[:, trying]
     return chosen

@@ -41,7 +41,7 @@ class ControlSettings(Section):
         0.6, gt=0.0, le=0.7, description="an edge within this bearing of the heading can be an exit, in rad (ᾱ)"
     )
     edge_jump_m: float = Field(
-        1.5, gt=0.0, le=20.0, description="jump of the range between neighbouring bearings that makes an edge, in m (r̄)"
+        2.0, gt=0.0, le=20.0, description="jump of the range between neighbouring bearings that makes an edge, in m (r̄)"
     )
     target_radius_m: float = Field(
         0.2, gt=0.0, le=2.0, description="the intermediate target counts as reached within this distance, in m (ē)"
@@ -49,12 +49,12 @@ class ControlSettings(Section):
     tangent_probability: float = Field(
         0.3, gt=0.0, lt=1.0, description="probability of leaving the wall along a tangent (p, strictly between 0 and 1)"
     )
-    choice: Literal["coin", "least_recent"] = Field(
-        "least_recent",
-        description="at a tangent: coin is the paper's fixed p; least_recent prefers the way flown longest ago or never",
+    choice: Literal["coin", "frontier"] = Field(
+        "frontier",
+        description="at a tangent: coin is the paper's fixed p; frontier prefers the way to unseen ground",
     )
     least_probability: float = Field(
-        0.1, gt=0.0, lt=0.5, description="least_recent keeps every outcome's probability at or above this (p_min)"
+        0.1, gt=0.0, lt=0.5, description="frontier keeps every outcome's probability at or above this (p_min)"
     )
     height_gain_per_s: float = Field(1.0, gt=0.0, le=5.0, description="gain of the height law (6), in 1/s (g)")
     closing_gain_per_s: float = Field(0.35, gt=0.0, le=5.0, description="slope of the saturation (9), in 1/s (l)")

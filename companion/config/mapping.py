@@ -2,65 +2,92 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-Probability = Annotated[float, Field(gt=0.0, lt=1.0, allow_inf_nan=False)]
+from companion.config.section import Section, refuse
 
 
-class MapSettings(BaseModel):
+class MapSettings(Section):
     """How depth images become a map of free, occupied and unknown voxels.
 
-    The sensor model is OctoMap's (Hornung et al. 2013): clamped log-odds, one update for each voxel and frame.
-    OctoMap's own numbers are hit 0.7, miss 0.4, clamps 0.12 and 0.97, threshold 0.5.
+    The sensor model is OctoMap's (Hornung et al. 2013), and so are its probabilities: log-odds with clamps, one update
+    for each voxel and frame. Two things differ, because what noise puts behind a wall is never looked at again and so
+    never taken back: a hit counts less where the noise is wider than a voxel, and a voxel is occupied from 0.7 on
+    instead of 0.5, which takes two good hits or several poor ones. Either alone changes next to nothing.
+
+    Measured in a box tunnel (4 m x 3 m, 36 m long, with boxes in it), one flight through it, 160 x 120 px to 6 m, depth
+    noise 0.002 z², 2 % dropouts, pose noise 1 cm and 0.2°:
+
+        ============================ ======= ========= ============ ========== =======================
+        .                            voxel   precision completeness mean error surface in a free voxel
+        ============================ ======= ========= ============ ========== =======================
+        OctoMap's model, 580 frames  0.1 m   90.4 %    99.9 %       4.8 cm     0.1 %
+        these defaults, 580 frames   0.1 m   98.0 %    99.7 %       4.1 cm     0.1 %
+        these defaults, 116 frames   0.1 m   99.5 %    98.9 %       3.3 cm     0.2 %
+        OctoMap's model, 580 frames  0.05 m  85.5 %    99.4 %       3.3 cm     0.2 %
+        these defaults, 580 frames   0.05 m  94.0 %    98.3 %       2.6 cm     0.3 %
+        ============================ ======= ========= ============ ========== =======================
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    voxel_m: float = Field(0.1, ge=0.02, le=1.0, allow_inf_nan=False, description="edge of a voxel, in m")
+    voxel_m: float = Field(0.1, ge=0.02, le=1.0, description="edge of a voxel, in m")
     max_range_m: float = Field(
-        6.0,
-        ge=0.5,
-        le=30.0,
-        allow_inf_nan=False,
-        description="depth up to which the map believes the camera, in m; readings beyond it say free up to here",
+        6.0, ge=0.5, le=30.0, description="depth that the map believes; a reading beyond it says free up to here, in m"
     )
-    hit_probability: Probability = Field(0.7, description="occupancy that one hit alone gives a voxel; above 0.5")
-    miss_probability: Probability = Field(0.4, description="occupancy that one look through a voxel gives; below 0.5")
-    clamp_min_probability: Probability = Field(0.12, description="no voxel becomes surer of being free than this")
-    clamp_max_probability: Probability = Field(0.97, description="no voxel becomes surer of being occupied than this")
-    occupied_probability: Probability = Field(
-        0.5, ge=0.5, description="a voxel counts as occupied from this on; from 0.5 up to it, it counts as unknown"
+    hit_probability: float = Field(
+        0.7, gt=0.0, le=0.99, description="occupancy that one exact hit alone gives a voxel, above 0.5"
+    )
+    miss_probability: float = Field(
+        0.4, ge=0.01, lt=1.0, description="occupancy that one look through a voxel alone gives it, below 0.5"
+    )
+    clamp_min_probability: float = Field(
+        0.12, ge=0.001, lt=1.0, description="no voxel becomes surer of being free than this, below 0.5"
+    )
+    clamp_max_probability: float = Field(
+        0.97, gt=0.0, le=0.999, description="no voxel becomes surer of being occupied than this"
+    )
+    occupied_probability: float = Field(
+        0.7, ge=0.5, lt=1.0, description="a voxel is occupied from this on; between 0.5 and this it is unknown"
     )
     depth_noise_per_m: float = Field(
-        0.002,
-        ge=0.0,
-        le=0.05,
-        allow_inf_nan=False,
-        description="depth noise of the camera: its standard deviation is this times the squared depth, in 1/m",
+        0.002, ge=0.0, le=0.1, description="noise of the camera: its standard deviation over the depth squared, in 1/m"
     )
-    margin_voxels: float = Field(
-        0.5,
-        ge=0.0,
-        le=3.0,
-        allow_inf_nan=False,
-        description="how far before a measured surface free space ends, in voxels; the noise is added to it",
+    margin_m: float = Field(
+        0.0, ge=0.0, le=1.0, description="free space ends this far and the noise before a measured surface, in m"
     )
 
     @model_validator(mode="after")
-    def _probabilities_in_order(self) -> Self:
+    def _hit_speaks_for_occupied(self) -> Self:
         if self.hit_probability <= 0.5:
-            raise ValueError(f"hit_probability is {self.hit_probability}: a hit must speak for occupied, so above 0.5")
+            raise refuse(
+                f"mapping.hit_probability = {self.hit_probability:g} must be above 0.5: a hit speaks for occupied",
+                "mapping.hit_probability",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _miss_speaks_for_free(self) -> Self:
         if self.miss_probability >= 0.5:
-            raise ValueError(f"miss_probability is {self.miss_probability}: a miss must speak for free, so below 0.5")
+            raise refuse(
+                f"mapping.miss_probability = {self.miss_probability:g} must be below 0.5: a miss speaks for free",
+                "mapping.miss_probability",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _clamps_leave_room(self) -> Self:
         if self.clamp_min_probability >= 0.5:
-            raise ValueError(
-                f"clamp_min_probability is {self.clamp_min_probability}: it must be below 0.5, or nothing becomes free"
+            raise refuse(
+                f"mapping.clamp_min_probability = {self.clamp_min_probability:g} must be below 0.5, or nothing could "
+                "become free",
+                "mapping.clamp_min_probability",
             )
         if self.clamp_max_probability <= self.occupied_probability:
-            raise ValueError(
-                f"clamp_max_probability is {self.clamp_max_probability}: it must be above occupied_probability "
-                f"({self.occupied_probability}), or nothing becomes occupied"
+            raise refuse(
+                f"mapping.clamp_max_probability = {self.clamp_max_probability:g} must be above "
+                f"mapping.occupied_probability = {self.occupied_probability:g}, or nothing could become occupied",
+                "mapping.clamp_max_probability",
+                "mapping.occupied_probability",
             )
         return self

@@ -18,7 +18,7 @@ class CameraSettings(Section):
     vertical_fov_deg: float = Field(57.0, ge=15.0, le=120.0, description="vertical field of view, in degrees")
     width_px: int = Field(160, ge=32, le=1920, description="width of the depth image, in pixels")
     height_px: int = Field(120, ge=24, le=1200, description="height of the depth image, in pixels")
-    rate_hz: float = Field(10.0, ge=1.0, le=90.0, description="frames per second")
+    rate_hz: float = Field(5.0, ge=1.0, le=90.0, description="frames per second")
     min_range_m: float = Field(0.25, ge=0.05, le=2.0, description="nothing is measured nearer than this, in m")
     max_range_m: float = Field(10.0, ge=1.0, le=50.0, description="depth that is still trusted, in m")
     mount_x_m: float = Field(0.1, ge=-1.0, le=1.0, description="position on the body, forward, in m")
@@ -97,7 +97,7 @@ class ScanSettings(Section):
         60.0, ge=0.0, le=600.0, description="remembered points expire after this time, in s; 0 remembers nothing"
     )
     memory_look_m: float = Field(
-        3.0, ge=0.5, le=6.0, description="points are remembered from looks at most this far, where depth is precise, in m"
+        5.0, ge=0.5, le=6.0, description="points are remembered from looks at most this far, where depth is precise, in m"
     )
     memory_distance_m: float = Field(
         5.0, ge=0.5, le=6.0, description="remembered points further away than this expire, in m"

@@ -16,12 +16,15 @@ CORRIDOR_SHARE = 0.9
 """Half-width of the corridor in units of d_s: the tangent itself touches the d_s-offset of the walls, so a corridor of
 exactly d_s would be closed by every measurement error."""
 
-CORRIDOR_LOOK_RAD = math.radians(40.0)
+CORRIDOR_LOOK_RAD = math.radians(30.0)
 """Bearings off the corridor's axis up to which its ground must have been seen: beyond it the corridor's edge is nearer
-than 1.5 half-widths, which d already watches."""
+than two half-widths, where d already watches."""
 
 SAME_WALL_SHARE = 0.35
 """A tangent segment lies along the boundary when every point of it is within this share of d_s of ∂S(d_s)."""
+
+SLANT_STEPS = 2.0
+"""A wall at a slant may step by this many times the step before: noise doubles a step easily, hardly trebles it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,22 +65,16 @@ def find_edges(scan: Scan, parameters: Parameters) -> list[Edge]:
     The paper prints |r_i - r_{i+1}| < r̄, which would hold for every smooth wall; an edge is a jump, so the sign is
     turned round here. A jump from HIT to CLEAR counts, one to UNKNOWN does not, and both ends must have been looked at
     just now: what is remembered has no sharp edges.
+
+    A wall seen at a slant jumps from one bearing to the next too, the more so the further away and the more noise there
+    is. So the jump must exceed by r̄ what the slope on its near side explains, and the second bearing behind it must be
+    as far.
     """
-    first, last = np.searchsorted(scan.bearings_rad, [-parameters.edge_bearing_rad, parameters.edge_bearing_rad])
-    state, ranges = scan.state[first:last], scan.ranges_m[first:last]
-    looked = scan.fresh[first:last] & (state != UNKNOWN)
-    jump = (
-        looked[:-1]
-        & looked[1:]
-        & ((state[:-1] == HIT) | (state[1:] == HIT))
-        & (np.abs(np.diff(ranges)) > parameters.edge_jump_m)
-    )
     edges = []
-    for k in np.flatnonzero(jump):
-        i, j = int(first + k), int(first + k + 1)
-        near = i if scan.ranges_m[i] < scan.ranges_m[j] else j
-        if scan.state[near] != HIT:
-            continue
+    for near, far in _jumps(
+        scan.bearings_rad, scan.ranges_m, scan.state, scan.fresh, parameters.edge_bearing_rad, parameters.edge_jump_m
+    ):
+        i, j = min(near, far), max(near, far)
         r_i, r_j = float(scan.ranges_m[i]), float(scan.ranges_m[j])
         bearing, distance = tangent_target(
             float(scan.bearings_rad[i]), r_i, float(scan.bearings_rad[j]), r_j, parameters.margin_m
@@ -92,6 +89,34 @@ def find_edges(scan: Scan, parameters: Parameters) -> list[Edge]:
             )
         )
     return sorted(edges, key=lambda edge: edge.near_range_m)
+
+
+@njit(cache=True, nogil=True)
+def _jumps(
+    bearings: FloatArray,
+    ranges: FloatArray,
+    state: NDArray[np.uint8],
+    fresh: NDArray[np.bool_],
+    within_rad: float,
+    jump_m: float,
+) -> list[tuple[int, int]]:
+    found = []
+    for i in range(1, bearings.size - 2):
+        if abs(bearings[i]) >= within_rad or abs(bearings[i + 1]) >= within_rad:
+            continue
+        if abs(ranges[i] - ranges[i + 1]) <= jump_m:
+            continue
+        side = 1 if ranges[i] < ranges[i + 1] else -1
+        near = i if side > 0 else i + 1
+        far, before, behind = near + side, near - side, near + 2 * side
+        if not (fresh[near] and fresh[far] and fresh[before] and fresh[behind]):
+            continue
+        if state[near] != HIT or state[before] != HIT or state[far] == UNKNOWN or state[behind] == UNKNOWN:
+            continue
+        slant = SLANT_STEPS * abs(ranges[near] - ranges[before])
+        if ranges[far] - ranges[near] > jump_m + slant and ranges[behind] - ranges[near] > jump_m + slant:
+            found.append((near, far))
+    return found
 
 
 def corridor_is_free(scan: Scan, bearing_rad: float, length_m: float, half_width_m: float) -> bool:
@@ -134,6 +159,14 @@ def _corridor_is_free(
         elif abs(off) <= look_rad and (state[i] == UNKNOWN or ranges[i] < reach):
             return False
     return True
+
+
+def free_length_m(scan: Scan, bearing_rad: float, half_width_m: float) -> float:
+    """Length of the corridor of that half-width in that direction before the first HIT; inf when there is none."""
+    off = (scan.bearings_rad - bearing_rad + np.pi) % (2.0 * np.pi) - np.pi
+    inside = (scan.state == HIT) & (np.abs(off) < np.pi / 2.0)
+    inside &= scan.ranges_m * np.abs(np.sin(off)) < half_width_m
+    return float(np.min(scan.ranges_m[inside] * np.cos(off[inside]), initial=np.inf))
 
 
 def lies_along_boundary(scan: Scan, edge: Edge, margin_m: float) -> bool:

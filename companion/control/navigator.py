@@ -11,9 +11,9 @@ import numpy as np
 from companion.control import edges, laws
 from companion.control.edges import Edge
 from companion.control.governor import governed_speed_mps
+from companion.control.known_ground import KnownGround
 from companion.control.parameters import Parameters
 from companion.control.tangents import TangentLedger
-from companion.control.visits import Visits
 from companion.model import HIT, Measurement, Mode, Pose, Scan, Setpoint, wrap_rad
 
 FORGET_TANGENT_S = 5.0
@@ -29,14 +29,15 @@ STUCK_TURNS = 2.0
 LOST_WALL_S = 3.0
 """In R3 with nothing at all in view for this long there is no boundary to follow."""
 
-LOOK_ROUND_M = 3.0
-"""How far round the edge the visits are looked up that a tangent leads to: the middle of a drift that opens there."""
+LOOK_BEYOND_M = 4.0
+"""How far beyond the target the boundary is taken to lead straight on: the width of a drift that opens there, so that
+the two ways have parted by then."""
 
-LOOK_ALONG_M = 4.0
-"""How far ahead the visits are looked up that the boundary leads to: beyond the cells that the vehicle is in."""
+LOOK_PERIOD_S = 0.5
+"""Time between two entries into the ground that is known to be seen."""
 
-RECENT_S = 20.0
-"""Visits of the last seconds are those of the way here: they say nothing of where it leads."""
+SAME_WAY_M = 1.0
+"""Ways to unseen ground that differ by less than this, two cells, do not decide."""
 
 
 class TargetKind(enum.StrEnum):
@@ -94,7 +95,8 @@ class Navigator:
         self._circle_direction = self._either_side()
         self._target: Target | None = None
         self._ledger = TangentLedger(parameters.margin_m, FORGET_TANGENT_S)
-        self._visits = Visits()
+        self._ground = KnownGround()
+        self._next_look_s = -math.inf
         self._pause_until_s = -math.inf
         self._turned_rad = 0.0
         self._last_yaw_rad: float | None = None
@@ -132,7 +134,7 @@ class Navigator:
             self._last_yaw_rad = None
             return Setpoint(t_s, 0.0, climb, 0.0)
         self._count_turning(pose)
-        self._visits.visit(pose.x_m, pose.y_m, t_s)
+        self._see(scan, pose, t_s)
         if self._mode is Mode.CIRCLE:
             self._leave_circle(scan, pose, t_s)
         elif self._mode is Mode.TANGENT:
@@ -233,27 +235,32 @@ class Navigator:
                 continue
             self._ledger.decide(x_m, y_m, edge.gamma, t_s)
             self._draws += 1
-            if self._rng.random() < self._probability(edge, pose, t_s):
+            if self._rng.random() < self._probability(edge, scan, pose):
                 self._accepted += 1
                 self._pursue(edge, pose, t_s)
             else:
                 self._pause_until_s = t_s + self.parameters.pause_s
             return
 
-    def _probability(self, edge: Edge, pose: Pose, t_s: float) -> float:
-        """Probability of leaving along this tangent: p, or with least_recent a preference for what is new."""
+    def _probability(self, edge: Edge, scan: Scan, pose: Pose) -> float:
+        """Probability of leaving along this tangent: p, or with frontier a preference for what is unseen."""
         p = self.parameters.tangent_probability
         if self.parameters.choice == "coin":
             return p
-        x_m, y_m = _world(pose, edge.near_bearing_rad, edge.near_range_m)
-        round_rad = pose.yaw_rad + edge.target_bearing_rad + edge.gamma * math.pi / 2.0
-        behind_s = self._visits.last_s(x_m + LOOK_ROUND_M * math.cos(round_rad), y_m + LOOK_ROUND_M * math.sin(round_rad))
-        ahead_s = self._visits.last_s(*_world(pose, 0.0, LOOK_ALONG_M))
-        least = self.parameters.least_probability
-        now = t_s - RECENT_S
-        if min(behind_s, now) == min(ahead_s, now):
+        free_m = edges.free_length_m(scan, 0.0, self.parameters.critical_margin_m)
+        ahead_m = min(edge.target_range_m + LOOK_BEYOND_M, free_m)
+        ends = np.array([_world(pose, edge.target_bearing_rad, edge.target_range_m), _world(pose, 0.0, ahead_m)])
+        by_tangent_m, by_boundary_m = self._ground.way_to_unseen_m((pose.x_m, pose.y_m), ends)
+        if abs(by_tangent_m - by_boundary_m) < SAME_WAY_M or by_tangent_m == by_boundary_m:
             return p
-        return 1.0 - least if behind_s < ahead_s else least
+        least = self.parameters.least_probability
+        return 1.0 - least if by_tangent_m < by_boundary_m else least
+
+    def _see(self, scan: Scan, pose: Pose, t_s: float) -> None:
+        """Note what has been seen, twice a second: that is every quarter of a metre."""
+        if self.parameters.choice == "frontier" and t_s >= self._next_look_s:
+            self._next_look_s = t_s + LOOK_PERIOD_S
+            self._ground.see(scan, pose)
 
     def _corridor_is_free(self, scan: Scan, edge: Edge) -> bool:
         half_width_m = edges.CORRIDOR_SHARE * self.parameters.margin_m

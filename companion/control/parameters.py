@@ -32,7 +32,7 @@ class Parameters:
     edge_jump_m: float
     target_radius_m: float
     tangent_probability: float
-    choice: Literal["coin", "least_recent"]
+    choice: Literal["coin", "frontier"]
     least_probability: float
     height_gain_per_s: float
     closing_gain_per_s: float

@@ -19,6 +19,8 @@ from companion.mapping.view import Projection
 UNSEEN, CLEAR, MIXED = 0, 1, 2
 """What is known of all the voxels of a block: none is looked through; all are; neither is sure."""
 
+_NEARLY_ZERO_M = 1e-6
+
 _ALL = np.uint64(0xFFFFFFFFFFFFFFFF)
 
 
@@ -36,29 +38,28 @@ def judge(clear: ClearDepth, p: Projection, i: int, j: int, k: int, edge: int) -
     nearest, farthest = depth - reach, depth + reach
     if farthest <= 0.0 or nearest >= p.limit_m:
         return UNSEEN
-    last_u, last_v = p.width - 1, p.height - 1
-    u_0, u_1, v_0, v_1 = 0, last_u, 0, last_v
-    inside = nearest > 0.0
-    if inside:
-        inner, outer = 1.0 / farthest, 1.0 / nearest
-        right = p.right_0 + x * p.right_i + y * p.right_j + z * p.right_k
-        reach = half * (abs(p.right_i) + abs(p.right_j) + abs(p.right_k))
-        low, high = right - reach, right + reach
-        left_u = p.edge_u + low * (outer if low < 0.0 else inner)
-        right_u = p.edge_u + high * (inner if high < 0.0 else outer)
-        down = p.down_0 + x * p.down_i + y * p.down_j + z * p.down_k
-        reach = half * (abs(p.down_i) + abs(p.down_j) + abs(p.down_k))
-        low, high = down - reach, down + reach
-        upper_v = p.edge_v + low * (outer if low < 0.0 else inner)
-        lower_v = p.edge_v + high * (inner if high < 0.0 else outer)
-        if right_u < 0.0 or lower_v < 0.0 or left_u >= p.width or upper_v >= p.height:
-            return UNSEEN
-        inside = left_u >= 0.0 and upper_v >= 0.0 and right_u < p.width and lower_v < p.height
-        u_0, u_1 = int(max(left_u, 0.0)), int(min(right_u, last_u))
-        v_0, v_1 = int(max(upper_v, 0.0)), int(min(lower_v, last_v))
+    # A voxel at or behind the camera's own plane is never seen, so only the part of the block before it counts.
+    inner, outer = 1.0 / farthest, 1.0 / max(nearest, _NEARLY_ZERO_M)
+    right = p.right_0 + x * p.right_i + y * p.right_j + z * p.right_k
+    reach = half * (abs(p.right_i) + abs(p.right_j) + abs(p.right_k))
+    low, high = right - reach, right + reach
+    left_u = p.edge_u + low * (outer if low < 0.0 else inner)
+    right_u = p.edge_u + high * (inner if high < 0.0 else outer)
+    if right_u < 0.0 or left_u >= p.width:
+        return UNSEEN
+    down = p.down_0 + x * p.down_i + y * p.down_j + z * p.down_k
+    reach = half * (abs(p.down_i) + abs(p.down_j) + abs(p.down_k))
+    low, high = down - reach, down + reach
+    upper_v = p.edge_v + low * (outer if low < 0.0 else inner)
+    lower_v = p.edge_v + high * (inner if high < 0.0 else outer)
+    if lower_v < 0.0 or upper_v >= p.height:
+        return UNSEEN
+    inside = nearest > 0.0 and left_u >= 0.0 and upper_v >= 0.0 and right_u < p.width and lower_v < p.height
+    column_0, column_1 = int(max(left_u, 0.0)) // clear.tile_px, int(min(right_u, p.width - 1.0)) // clear.tile_px
+    row_0, row_1 = int(max(upper_v, 0.0)) // clear.tile_px, int(min(lower_v, p.height - 1.0)) // clear.tile_px
     most, least = np.float32(0.0), np.float32(np.inf)
-    for row in range(v_0 // clear.tile_px, v_1 // clear.tile_px + 1):
-        for column in range(u_0 // clear.tile_px, u_1 // clear.tile_px + 1):
+    for row in range(row_0, row_1 + 1):
+        for column in range(column_0, column_1 + 1):
             most = max(most, clear.tile_max_m[row, column])
             least = min(least, clear.tile_min_m[row, column])
     if nearest >= most:
@@ -147,7 +148,9 @@ def _project(p: Projection, cube: Cube, i: int, j: int, k: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _looked_through(clear_m: NDArray[np.float32], pixels: NDArray[np.int32], depths_m: NDArray[np.float32]) -> np.uint64:
+def _looked_through(
+    clear_m: NDArray[np.float32], pixels: NDArray[np.int32], depths_m: NDArray[np.float32]
+) -> np.uint64:
     """One bit for each of 64 voxels: whether its pixel is clear beyond it."""
     bits = np.uint64(0)
     for n in range(64):

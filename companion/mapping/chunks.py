@@ -10,11 +10,14 @@ are eight words. It is OctoMap's order of children as well.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+Integer = int | np.integer[Any]
+"""What compiled functions take as an integer, whoever calls them."""
 
 EDGE = 16
 """Voxels along one edge of a chunk."""
@@ -27,6 +30,9 @@ MASK = EDGE - 1
 
 VOLUME = EDGE**3
 """Voxels of a chunk."""
+
+WORDS = VOLUME // 64
+"""64-bit words that hold one bit for each voxel of a chunk."""
 
 NOTHING = np.int16(-32768)
 """Value of a voxel about which nothing is known."""
@@ -60,7 +66,7 @@ class ChunkTable(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def place_of(x: int, y: int, z: int) -> int:
+def place_of(x: Integer, y: Integer, z: Integer) -> Integer:
     """Place in the chunk of the voxel whose coordinates there, each in [0, 16), are x, y, z."""
     x = (x | x << 4) & 0x0C3
     y = (y | y << 4) & 0x0C3
@@ -73,8 +79,8 @@ def place_of(x: int, y: int, z: int) -> int:
 
 def _offsets() -> NDArray[np.int16]:
     offsets = np.empty((VOLUME, 3), np.int16)
-    x, y, z = np.indices((EDGE, EDGE, EDGE)).reshape(3, -1)
-    offsets[place_of.py_func(x, y, z)] = np.stack([x, y, z], axis=1)
+    for x, y, z in np.ndindex(EDGE, EDGE, EDGE):
+        offsets[place_of.py_func(x, y, z)] = x, y, z
     return offsets
 
 
@@ -83,13 +89,13 @@ OFFSETS = _offsets()
 
 
 @njit(cache=True, nogil=True)
-def chunk_key(x: int, y: int, z: int) -> int:
+def chunk_key(x: Integer, y: Integer, z: Integer) -> Integer:
     """One int64 for three chunk coordinates."""
     return ((x + CHUNK_LIMIT) << 42) | ((y + CHUNK_LIMIT) << 21) | (z + CHUNK_LIMIT)
 
 
 @njit(cache=True, nogil=True)
-def _slot(keys: NDArray[np.int64], key: int) -> int:
+def _slot(keys: NDArray[np.int64], key: Integer) -> int:
     """Where ``key`` is in the table, or the empty place where it belongs."""
     mask = keys.shape[0] - 1
     # Twice, because x is in the highest bits of the key, and one product carries bits only upwards.
@@ -102,22 +108,28 @@ def _slot(keys: NDArray[np.int64], key: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def row_of_key(keys: NDArray[np.int64], rows: NDArray[np.int32], key: int) -> int:
+def row_of_key(keys: NDArray[np.int64], rows: NDArray[np.int32], key: Integer) -> int:
     """The row of the chunk with this key, or -1 when the map has none there."""
     slot = _slot(keys, key)
-    return rows[slot] if keys[slot] == key else -1
+    return int(rows[slot]) if keys[slot] == key else -1
 
 
 @njit(cache=True, nogil=True)
-def find_row(table: ChunkTable, x: int, y: int, z: int) -> int:
+def find_row(table: ChunkTable, x: Integer, y: Integer, z: Integer) -> int:
     """The row of a chunk, or -1 when the map has none there."""
     return row_of_key(table.keys, table.rows, chunk_key(x, y, z))
 
 
 @njit(cache=True, nogil=True)
-def add_row(table: ChunkTable, x: int, y: int, z: int) -> int:
+def is_full(table: ChunkTable) -> bool:
+    """Whether there is no room for another row: `doubled` makes it."""
+    return bool(table.size[0] == table.coords.shape[0])
+
+
+@njit(cache=True, nogil=True)
+def add_row(table: ChunkTable, x: Integer, y: Integer, z: Integer) -> int:
     """A new row, wholly unknown, for a chunk that has none yet. The caller has made sure that there is room."""
-    row = table.size[0]
+    row = int(table.size[0])
     key = chunk_key(x, y, z)
     slot = _slot(table.keys, key)
     table.keys[slot] = key
@@ -141,10 +153,10 @@ def _index_rows(table: ChunkTable) -> None:
 
 
 def empty_table(capacity: int) -> ChunkTable:
-    """A table with room for ``capacity`` chunks, a power of two. The hash table is at most half full."""
+    """A table with room for ``capacity`` chunks, a power of two. The hash table is at most a quarter full."""
     return ChunkTable(
-        keys=np.full(2 * capacity, _EMPTY, np.int64),
-        rows=np.zeros(2 * capacity, np.int32),
+        keys=np.full(4 * capacity, _EMPTY, np.int64),
+        rows=np.zeros(4 * capacity, np.int32),
         coords=np.zeros((capacity, 3), np.int32),
         values=np.empty((capacity, VOLUME), np.int16),
         revisions=np.zeros(capacity, np.int64),
@@ -162,8 +174,3 @@ def doubled(table: ChunkTable) -> ChunkTable:
     bigger.size[0] = size
     _index_rows(bigger)
     return bigger
-
-
-def has_room(table: ChunkTable) -> bool:
-    """Whether `add_row` may be called once more."""
-    return bool(table.size[0] < table.coords.shape[0])

@@ -12,11 +12,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from companion.mapping.chunks import MASK, SHIFT, VOLUME, place_of
+from companion.mapping.chunks import MASK, SHIFT, WORDS, place_of
 from companion.mapping.view import Box, Rays
-
-WORDS = VOLUME // 64
-"""64-bit words that hold one bit for each voxel of a chunk."""
 
 
 class Marks(NamedTuple):

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from companion.geometry import camera_to_world
 from companion.mapping.chunks import CHUNK_LIMIT, EDGE
 from companion.model import Camera, DepthFrame, FloatArray, Pose
 
@@ -62,9 +63,10 @@ class Projection(NamedTuple):
 
 
 class Rays(NamedTuple):
-    """From pixels to voxels: the reading ``depth`` of pixel (u, v) ends in the box at
+    """From pixels to voxels.
 
-        i = i_0 + depth (i_d + u i_u + v i_v)    in voxels, and j and k in the same way.
+    The reading ``depth`` of pixel (u, v) ends in the box at i = i_0 + depth (i_d + u i_u + v i_v), in voxels from its
+    lowest corner, and at j and k in the same way.
 
     Attributes:
         lowest_m: readings below it say nothing.
@@ -96,20 +98,6 @@ class View:
     rays: Rays
 
 
-def rotation(yaw_rad: float, pitch_rad: float, roll_rad: float) -> FloatArray:
-    """(3, 3) body to world: Rz(yaw) Ry(pitch) Rx(roll), the convention of `companion.model.Pose`."""
-    cy, sy = math.cos(yaw_rad), math.sin(yaw_rad)
-    cp, sp = math.cos(pitch_rad), math.sin(pitch_rad)
-    cr, sr = math.cos(roll_rad), math.sin(roll_rad)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
-
-
 def view_of(frame: DepthFrame, voxel_m: float, max_range_m: float) -> View:
     """The view of a frame on a grid of ``voxel_m``, up to the nearer of the map's and the camera's range limit.
 
@@ -119,10 +107,7 @@ def view_of(frame: DepthFrame, voxel_m: float, max_range_m: float) -> View:
     pose, camera = frame.pose, frame.camera
     _refuse_not_finite("pose", pose, _POSE_FIELDS)
     _refuse_not_finite("camera", camera, _CAMERA_FIELDS)
-    body = rotation(pose.yaw_rad, pose.pitch_rad, pose.roll_rad)
-    axes = body @ rotation(camera.mount_yaw_rad, camera.mount_pitch_rad, 0.0)
-    origin_m = np.array([pose.x_m, pose.y_m, pose.z_m])
-    origin_m += body @ np.array([camera.mount_x_m, camera.mount_y_m, camera.mount_z_m])
+    axes, origin_m = camera_to_world(camera, pose)
     limit_m = min(max_range_m, camera.max_range_m)
 
     # The ray of pixel (u, v) at depth 1 is base + u per_u + v per_v, in the world.
@@ -142,13 +127,15 @@ def view_of(frame: DepthFrame, voxel_m: float, max_range_m: float) -> View:
         ends += [float(vector[axis_number]) / voxel_m for vector in vectors]
     return View(
         box=box,
-        projection=Projection(
-            *forms, camera.cx_px + 0.5, camera.cy_px + 0.5, camera.width_px, camera.height_px, limit_m
+        projection=Projection._make(
+            (*forms, camera.cx_px + 0.5, camera.cy_px + 0.5, camera.width_px, camera.height_px, limit_m)
         ),
-        rays=Rays(*ends, camera.min_range_m, limit_m),
+        # A depth of zero is no measurement, whatever the camera's least range is.
+        rays=Rays._make((*ends, max(camera.min_range_m, _LEAST_DEPTH_M), limit_m)),
     )
 
 
+_LEAST_DEPTH_M = 0.001
 _POSE_FIELDS = ("x_m", "y_m", "z_m", "yaw_rad", "pitch_rad", "roll_rad")
 _CAMERA_FIELDS = (
     *("fx_px", "fy_px", "cx_px", "cy_px", "min_range_m", "max_range_m"),
@@ -173,10 +160,12 @@ def _box_around(
     voxel_m: float,
 ) -> Box:
     """The chunks around the pyramid from the optical centre to the outer corners of the image at ``limit_m``."""
-    corners_m = [origin_m]
-    for u in (-0.5, camera.width_px - 0.5):
-        for v in (-0.5, camera.height_px - 0.5):
-            corners_m.append(origin_m + limit_m * (base + u * per_u + v * per_v))
+    corners_m = [
+        origin_m + limit_m * (base + u * per_u + v * per_v)
+        for u in (-0.5, camera.width_px - 0.5)
+        for v in (-0.5, camera.height_px - 0.5)
+    ]
+    corners_m.append(origin_m)
     # One voxel around, so that a reading which rounding puts just outside still has its chunk.
     low = np.floor((np.min(corners_m, axis=0) - voxel_m) / (voxel_m * EDGE))
     high = np.floor((np.max(corners_m, axis=0) + voxel_m) / (voxel_m * EDGE))

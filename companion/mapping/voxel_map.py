@@ -2,100 +2,162 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from companion.config.mapping import MapSettings
 from companion.mapping import lookup
-from companion.mapping.chunks import doubled, empty_table, has_room
+from companion.mapping.chunks import CHUNK_LIMIT, EDGE, NOTHING, doubled, empty_table
 from companion.mapping.depth_image import clear_depth
 from companion.mapping.marks import mark_hits
-from companion.mapping.update import Steps, update_chunks
+from companion.mapping.sensor_model import steps_of
+from companion.mapping.snapshot import IntegrationReport, MapCounts, MapSnapshot
+from companion.mapping.update import merge_rows, update_chunks
 from companion.mapping.view import view_of
 from companion.model import DepthFrame, FloatArray
 
-
-@dataclass(frozen=True, slots=True)
-class IntegrationReport:
-    hits: int
-    misses: int
-    pixels_hit: int
-    pixels_clear: int
-    pixels_invalid: int
-    chunks_updated: int
-    chunks_new: int
-
-
-def milli_log_odds(probability: float) -> int:
-    return round(1000.0 * math.log(probability / (1.0 - probability)))
+_FIRST_CHUNKS = 64
 
 
 class VoxelMap:
-    """Sparse voxel map."""
+    """A sparse map of voxels, which grows with what is seen. For one thread at a time.
+
+    A voxel covers i voxel_m <= x < (i + 1) voxel_m, and so on; it is FREE when it was looked through more than hit,
+    OCCUPIED from ``settings.occupied_probability`` on, and UNKNOWN otherwise: unknown is not free.
+
+    Args:
+        settings: voxel size, range and sensor model.
+    """
 
     def __init__(self, settings: MapSettings) -> None:
         self.settings = settings
-        self._table = empty_table(64)
+        self._steps = steps_of(settings)
+        self._table = empty_table(_FIRST_CHUNKS)
         self._revision = 0
-        self._miss = milli_log_odds(settings.miss_probability)
-        self._lowest = milli_log_odds(settings.clamp_min_probability)
-        self._highest = milli_log_odds(settings.clamp_max_probability)
-        self._threshold = milli_log_odds(settings.occupied_probability)
-        self._hits = np.full(64, milli_log_odds(settings.hit_probability), np.int16)
-
-    def integrate(self, frame: DepthFrame) -> IntegrationReport:
-        s = self.settings
-        camera = frame.camera
-        if frame.depth_m.shape != (camera.height_px, camera.width_px):
-            raise ValueError(f"depth_m has the shape {frame.depth_m.shape}")
-        view = view_of(frame, s.voxel_m, s.max_range_m)
-        depth_m = np.ascontiguousarray(frame.depth_m, np.float32)
-        clear = clear_depth(
-            depth_m, view.rays.lowest_m, view.rays.limit_m, s.margin_voxels * s.voxel_m, s.depth_noise_per_m
-        )
-        marks = mark_hits(depth_m, view.rays, view.box)
-        self._revision += 1
-        size_before = int(self._table.size[0])
-        counts = np.zeros(3, np.int64)
-        number, n = 0, marks.slots.size
-        steps = Steps(self._miss, self._lowest, self._highest)
-        while True:
-            number = update_chunks(
-                self._table, view.box, number, marks, clear, view.projection, steps, self._hits, self._revision, counts
-            )
-            if number >= n:
-                break
-            self._table = doubled(self._table)
-        return IntegrationReport(
-            int(counts[0]), int(counts[1]), int(marks.pixels[0]), int(marks.pixels[1]), int(marks.pixels[2]),
-            int(counts[2]), int(self._table.size[0]) - size_before,
-        )
 
     @property
     def voxel_m(self) -> float:
+        """Edge of a voxel."""
         return self.settings.voxel_m
 
     @property
     def memory_bytes(self) -> int:
-        return sum(a.nbytes for a in self._table)
+        """Size of the arrays that hold the map, with the room that they have left."""
+        return sum(array.nbytes for array in self._table)
 
-    def classify(self, points: FloatArray) -> NDArray[np.uint8]:
-        return lookup.states_at(self._table, np.ascontiguousarray(points, np.float64), self.voxel_m, self._threshold)
+    def integrate(self, frame: DepthFrame) -> IntegrationReport:
+        """Put one depth image into the map.
 
-    def occupied_near(self, points: FloatArray) -> NDArray[np.bool_]:
-        bits = lookup.occupied_bits(self._table.values, int(self._table.size[0]), self._threshold)
-        return lookup.near_occupied(self._table, bits, np.ascontiguousarray(points, np.float64), self.voxel_m)
+        A pixel that measured a surface marks the voxel at its end; voxels whose centre a pixel saw to be clear are
+        freed, unless the same frame marked them. Pixels at or beyond the nearer of the map's and the camera's range
+        free the space up to there. NaN and what is nearer than the camera's least range say nothing. Depth is along
+        the optical axis, and so are both ranges.
 
-    def _centres(self, state: np.uint8) -> FloatArray:
-        n = int(self._table.size[0])
-        states = lookup.states_of(self._table.values[:n], self._threshold)
-        return lookup.centres(self._table.coords[:n], states, state, self.voxel_m)
+        Args:
+            frame: the image with its camera and its pose.
+
+        Raises:
+            ValueError: the pose or the camera has a value that is not finite, or the image is not the camera's size.
+        """
+        camera, settings = frame.camera, self.settings
+        if frame.depth_m.shape != (camera.height_px, camera.width_px):
+            raise ValueError(
+                f"depth_m has the shape {frame.depth_m.shape}, the camera is {camera.height_px} px high and "
+                f"{camera.width_px} px wide"
+            )
+        view = view_of(frame, settings.voxel_m, settings.max_range_m)
+        depth_m = np.ascontiguousarray(frame.depth_m, np.float32)
+        marks = mark_hits(depth_m, view.rays, view.box)
+        clear = clear_depth(
+            depth_m, view.rays.lowest_m, view.rays.limit_m, settings.margin_m, settings.depth_noise_per_m
+        )
+
+        self._revision += 1
+        chunks_before = self._size
+        counts = np.zeros(3, np.int64)
+        done = 0
+        while True:
+            done = update_chunks(
+                self._table, view.box, done, marks, clear, view.projection, self._steps, self._revision, counts
+            )
+            if done == len(marks.slots):
+                break
+            self._table = doubled(self._table)
+        hits, misses, chunks_updated = (int(count) for count in counts)
+        pixels_hit, pixels_clear, pixels_invalid = (int(count) for count in marks.pixels)
+        return IntegrationReport(
+            hits, misses, pixels_hit, pixels_clear, pixels_invalid, chunks_updated, self._size - chunks_before
+        )
+
+    def merge(self, other: VoxelMap) -> None:
+        """Add what another vehicle's map says: log-odds are added, then clamped.
+
+        Raises:
+            ValueError: the maps have voxels of different size.
+        """
+        if other.voxel_m != self.voxel_m:
+            raise ValueError(f"cannot merge a map with voxels of {other.voxel_m} m into one of {self.voxel_m} m")
+        self._revision += 1
+        theirs, steps = other._table, self._steps
+        done = 0
+        while True:
+            done = merge_rows(self._table, theirs, done, steps.lowest, steps.highest, self._revision)
+            if done == theirs.size[0]:
+                return
+            self._table = doubled(self._table)
+
+    def classify(self, points: NDArray[np.floating]) -> NDArray[np.uint8]:
+        """(n,) `UNKNOWN`, `FREE` or `OCCUPIED` of the voxel that holds each of ``points`` (n, 3), in m.
+
+        Raises:
+            ValueError: a point is not finite.
+        """
+        points_m = self._points(points)
+        return np.asarray(lookup.states_at(self._table, points_m, self.voxel_m, self._steps.threshold))
+
+    def occupied_near(self, points: NDArray[np.floating]) -> NDArray[np.bool_]:
+        """(n,) whether one of the 27 voxels at and around each of ``points`` (n, 3), in m, is occupied.
+
+        Raises:
+            ValueError: a point is not finite.
+        """
+        points_m = self._points(points)
+        bits = lookup.occupied_bits(self._table.values[: self._size], self._steps.threshold)
+        return np.asarray(lookup.near_occupied(self._table, bits, points_m, self.voxel_m))
 
     def occupied(self) -> FloatArray:
-        return self._centres(lookup.OCCUPIED)
+        """(n, 3) centres of the occupied voxels, in m."""
+        return self.snapshot().occupied()
 
     def free(self) -> FloatArray:
-        return self._centres(lookup.FREE)
+        """(n, 3) centres of the free voxels, in m."""
+        return self.snapshot().free()
+
+    def counts(self) -> MapCounts:
+        """How many voxels are occupied, free and undecided."""
+        values = self._table.values[: self._size]
+        states = lookup.states_of(values, self._steps.threshold)
+        occupied, free = np.count_nonzero(states == lookup.OCCUPIED), np.count_nonzero(states == lookup.FREE)
+        seen = np.count_nonzero(values != NOTHING)
+        return MapCounts(int(occupied), int(free), int(seen - occupied - free), self._size)
+
+    def snapshot(self, since: int = 0) -> MapSnapshot:
+        """The states of the chunks that changed after revision ``since``, as a copy; 0 gives all."""
+        changed = np.flatnonzero(self._table.revisions[: self._size] > since)
+        states = lookup.states_of(self._table.values[changed], self._steps.threshold)
+        return MapSnapshot(self.voxel_m, self._revision, self._table.coords[changed], np.asarray(states))
+
+    @property
+    def _size(self) -> int:
+        return int(self._table.size[0])
+
+    def _points(self, points: NDArray[np.floating]) -> FloatArray:
+        """The same points as the compiled functions take them; those beyond the grid are moved to its unused rim."""
+        points_m = np.ascontiguousarray(points, np.float64)
+        if points_m.ndim != 2 or points_m.shape[1] != 3:
+            raise ValueError(f"points have the shape {points_m.shape}, not (n, 3)")
+        reach_m = (CHUNK_LIMIT - 1) * EDGE * self.voxel_m
+        largest_m = float(np.max(np.abs(points_m), initial=0.0))
+        if not np.isfinite(largest_m):
+            raise ValueError("points have coordinates that are not finite")
+        return points_m if largest_m < reach_m else np.clip(points_m, -reach_m, reach_m)

@@ -134,23 +134,30 @@ def _slab(
     level_rays = np.zeros(bins, np.int32)
     level_clear = np.zeros(bins, np.int32)
     scale = bins / (2.0 * np.pi)
+    # The highest and lowest middle of the slab, so that most pixels are told apart without looking their ground up.
+    highest = half_height_m + max(profile.max() + h_m, 0.0)
+    lowest = -half_height_m + min(profile.min() + h_m, 0.0)
     for v in range(height):
         for u in range(width):
             z = depth[v, u]
+            dz = to_level[2, 0] + to_level[2, 1] * left[u] + to_level[2, 2] * up[v]
             dx = to_level[0, 0] + to_level[0, 1] * left[u] + to_level[0, 2] * up[v]
             dy = to_level[1, 0] + to_level[1, 1] * left[u] + to_level[1, 2] * up[v]
-            dz = to_level[2, 0] + to_level[2, 1] * left[u] + to_level[2, 2] * up[v]
+            at_limit = offset_m[2] + dz / np.sqrt(dx * dx + dy * dy) * max_range_m
+            measured = z >= min_range_m and z < max_range_m
+            level = lowest <= at_limit <= highest
+            inside = measured and lowest <= offset_m[2] + z * dz <= highest
+            if not (level or inside):
+                continue
             sector = u * SECTORS // width
-            # Only a ray that stays in the slab out to the range limit can say that the bearing is CLEAR.
-            flat = np.sqrt(dx * dx + dy * dy)
-            middle = ground_at(profile, sector, max_range_m, h_m) + h_m
-            at_limit = offset_m[2] + dz / max(flat, 1e-9) * max_range_m
-            if abs(at_limit - middle) <= half_height_m:
-                b = min(bins - 1, int((np.arctan2(dy, dx) + np.pi) * scale))
-                level_rays[b] += 1
-                if z >= max_range_m:
-                    level_clear[b] += 1
-            if not (z >= min_range_m and z < max_range_m):
+            if level:
+                # Only a ray that stays in the slab out to the range limit can say that the bearing is CLEAR.
+                middle = ground_at(profile, sector, max_range_m, h_m) + h_m
+                if abs(at_limit - middle) <= half_height_m:
+                    b = min(bins - 1, int((np.arctan2(dy, dx) + np.pi) * scale))
+                    level_rays[b] += 1
+                    level_clear[b] += z >= max_range_m
+            if not inside:
                 continue
             x = offset_m[0] + z * dx
             y = offset_m[1] + z * dy

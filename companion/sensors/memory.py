@@ -17,9 +17,10 @@ CELL_M = 0.1
 CELLS = 128
 """Cells along each side of the grid, which wraps round: 12.8 m, so points within 6.4 m of the vehicle fit."""
 
-SEEN_THROUGH_M = 0.1
-"""A remembered point is dropped when a fresh look at its bearing sees further than it by more than this: otherwise the
-nearest of many noisy points would make every wall thicker with each look."""
+SEEN_THROUGH_M, SEEN_THROUGH_PER_M = 0.04, 0.004
+"""A remembered point is dropped when a fresh look at its bearing sees further than it by more than
+SEEN_THROUGH_M + SEEN_THROUGH_PER_M · range²: the noise of a stereo camera grows with the square of the range, and without
+this the nearest of many noisy points would make every wall thicker with each look."""
 
 
 class ScanMemory:
@@ -122,7 +123,7 @@ def _recall(
             bearing = (np.arctan2(dy, dx) - yaw_rad + np.pi) % (2.0 * np.pi)
             b = min(bins - 1, int(bearing * scale))
             if fresh[b] and state[b] != UNKNOWN:
-                if distance < ranges[b] - SEEN_THROUGH_M:
+                if distance < ranges[b] - SEEN_THROUGH_M - SEEN_THROUGH_PER_M * ranges[b] * ranges[b]:
                     seen[row, column] = -np.inf
                 continue
             if state[b] != HIT or distance < ranges[b]:

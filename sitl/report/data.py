@@ -14,9 +14,6 @@ Array = NDArray[np.float64]
 Points = NDArray[np.floating]
 """(n, 3) points in the world frame, in m."""
 
-COMPLETE = 0.99
-"""The share of the visible surface at which a map counts as complete, which defines t_f."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportData:

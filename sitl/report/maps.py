@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,14 +10,13 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 
 from sitl.report.cutaway import below_cut
 from sitl.report.data import Array, ReportData
-from sitl.report.splat import Camera, Rendering, render
-from sitl.report.style import MISSED, add_scale_bar, picture
+from sitl.report.splat import Camera, render
+from sitl.report.style import DPI, MISSED, MOST_IN, STRIP_IN, WIDTH_IN, add_scale_bar, picture
 
-_WIDTH_IN = 10.0
-_RENDER_PX = 1500
 _HEIGHT_COLOURS = LinearSegmentedColormap.from_list("rock", ["#f3e9d2", "#cdbf9f", "#8e9a92", "#4f6d7a", "#22394a"])
 _FROM_ABOVE = Camera(azimuth_rad=-np.pi / 2, elevation_rad=np.pi / 2)
 _OBLIQUE_RAD = np.deg2rad(48.0)
@@ -46,9 +46,9 @@ def map_pictures(data: ReportData) -> tuple[bytes, bytes] | None:
 def _cut_model(data: ReportData) -> _Model | None:
     """The map up to the flying height, and everything that was missed, in red."""
     occupied = np.asarray(data.occupied_m, dtype=np.float64).reshape(-1, 3)
-    missed = np.asarray(data.missed_m, dtype=np.float64).reshape(-1, 3)
+    missed = _joined(np.asarray(data.missed_m, dtype=np.float64).reshape(-1, 3), data.voxel_m)
     if len(occupied) > 0:
-        occupied = occupied[below_cut(occupied, occupied, data.height_m)]
+        occupied = occupied[below_cut(occupied, data.height_m)]
     centres = np.concatenate([occupied, missed])
     if len(centres) == 0:
         return None
@@ -60,14 +60,33 @@ def _cut_model(data: ReportData) -> _Model | None:
     return _Model(centres, colours, heights)
 
 
+def _joined(points_m: Array, voxel_m: float) -> Array:
+    """Centres of the voxels within half a voxel of scattered points (n, 3), which fills the gaps between them."""
+    if len(points_m) == 0:
+        return points_m
+    shifts = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+    cells = np.floor(points_m / voxel_m + shifts[:, None]).astype(np.int64).reshape(-1, 3)
+    low = cells.min(axis=0)
+    size = np.ptp(cells, axis=0) + 1
+    distinct = np.unique(np.ravel_multi_index(tuple((cells - low).T), tuple(size)))
+    return np.asarray((np.stack(np.unravel_index(distinct, tuple(size)), axis=1) + low + 0.5) * voxel_m)
+
+
 def _drawn(model: _Model, data: ReportData, camera: Camera) -> bytes:
-    rendering = render(model.centres_m, model.colours, data.voxel_m, camera, _RENDER_PX)
-    left, right, bottom, top = rendering.extent_m
+    box_px = (int(WIDTH_IN * DPI), int(MOST_IN * DPI))
+    drawn = render(model.centres_m, model.colours, data.voxel_m, camera, box_px)
+    rows, columns, _ = drawn.rgb.shape
 
     def draw(figure: Figure) -> None:
-        axes = figure.add_subplot()
-        axes.imshow(rendering.rgb, extent=rendering.extent_m, interpolation="bilinear")
-        add_scale_bar(axes, right - left)
+        add_scale_bar(figure, 1.0 / (drawn.pixel_m * DPI), columns / DPI)
+        height = STRIP_IN + rows / DPI
+        middle = 0.5 * STRIP_IN / height
+        bar = figure.add_axes((0.36, middle, 0.2, 0.1 / height))
+        figure.colorbar(ScalarMappable(model.heights, _HEIGHT_COLOURS), bar, orientation="horizontal")
+        bar.xaxis.set_major_locator(MaxNLocator(4))
+        figure.text(0.57, middle + 0.05 / height, "height z in m", va="center_baseline")
+        if len(data.missed_m) > 0:
+            patch = Patch(color=MISSED, label="could be seen, but is not in the map")
+            figure.legend(handles=[patch], loc="center right", bbox_to_anchor=(0.995, middle))
 
-    height = float(np.clip(_WIDTH_IN * (top - bottom) / (right - left) + 0.8, 3.0, 7.8))
-    return picture(_WIDTH_IN, height, draw)
+    return picture(WIDTH_IN, STRIP_IN + rows / DPI, draw, drawn.rgb)

@@ -117,11 +117,13 @@ def _covered(
     longest = sides[rows, first]
     area = np.abs((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]))
     across = area / np.maximum(longest, 1e-12)
-    n_along, n_across = (2 ** np.ceil(np.log2(np.maximum(_PER_PIXEL * size, 1.0))).astype(np.int64) for size in (longest, across))
+    n_along, n_across = (
+        2 ** np.ceil(np.log2(np.maximum(_PER_PIXEL * size, 1.0))).astype(np.int64) for size in (longest, across)
+    )
 
     for along, up in np.unique(np.stack([n_along, n_across], axis=1), axis=0):
-        s, t = np.meshgrid(np.linspace(0.0, 1.0, along + 1), np.linspace(0.0, 1.0, up + 1))
-        s, t = s.ravel(), t.ravel()
+        s = np.tile(np.linspace(0.0, 1.0, along + 1), up + 1)
+        t = np.repeat(np.linspace(0.0, 1.0, up + 1), along + 1)
         share = np.stack([(1 - t) * (1 - s), (1 - t) * s, t])
         group = np.flatnonzero((n_along == along) & (n_across == up))
         for part in np.array_split(group, len(group) * len(s) // _CHUNK + 1):

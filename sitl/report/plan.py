@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import ListedColormap
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from sitl.flight_log import MODES, FlightLog
 from sitl.report.data import Array, ReportData
@@ -21,24 +20,33 @@ from sitl.report.style import (
     MINE,
     MODE_COLOURS,
     MODE_LABELS,
+    MOST_IN,
+    STRIP_IN,
     WALL,
+    WIDTH_IN,
     add_scale_bar,
     picture,
     vehicle_colour,
 )
-
-_WIDTH_IN = 10.0
-_HEIGHTS_IN = (3.0, 7.8)
+from sitl.report.thin import stretches
 
 
-def overview_picture(data: ReportData) -> bytes:
-    """A PNG of the plan: one vehicle's way is coloured by mode, several vehicles have a colour each."""
+def overview_png(data: ReportData) -> bytes:
+    """The mine from above with the ways flown, as a PNG: one way is coloured by mode, several have a colour each."""
     flown = [flight.positions_m for flight in data.flights]
     plan = mine_plan(data.vertices_m, data.triangles, flown, data.height_m)
     west, east, south, north = _extent_m(plan, flown)
 
+    inch_per_m = min(WIDTH_IN / (east - west), MOST_IN / (north - south))
+    width, height = inch_per_m * (east - west), inch_per_m * (north - south)
+
     def draw(figure: Figure) -> None:
-        axes = figure.add_subplot()
+        whole = STRIP_IN + height
+        left, bottom = (1.0 - width / WIDTH_IN) / 2, STRIP_IN / whole
+        axes = figure.add_axes((left, bottom, width / WIDTH_IN, 1.0 - bottom))
+        axes.set(xlim=(west, east), ylim=(south, north), autoscale_on=False)
+        axes.set_axis_off()
+        add_scale_bar(figure, inch_per_m, width)
         if plan is not None:
             _draw_mine(axes, plan)
         several = len(data.flights) > 1
@@ -55,16 +63,10 @@ def overview_picture(data: ReportData) -> bytes:
             _draw_ends(axes, flight, vehicle_colour(index) if several else INK)
         if handles:
             handles += [_marker("o", "white", "start"), _marker("s", INK, "end"), *_draw_nearest(axes, data.flights)]
-        axes.set_xlim(west, east)
-        axes.set_ylim(south, north)
-        axes.set_aspect("equal")
-        add_scale_bar(axes, east - west)
-        if handles:
-            figure.legend(handles=handles, loc="outside lower center", ncols=4, handlelength=1.6, columnspacing=2.2)
+            place = (0.995, bottom / 2)
+            figure.legend(handles=handles, loc="center right", bbox_to_anchor=place, ncols=-(-len(handles) // 2))
 
-    height = np.clip(_WIDTH_IN * (north - south) / (east - west) + 0.9, *_HEIGHTS_IN)
-    width = np.clip((height - 0.9) * (east - west) / (north - south), _WIDTH_IN / 2, _WIDTH_IN)
-    return picture(float(width), float(height), draw)
+    return picture(WIDTH_IN, STRIP_IN + height, draw)
 
 
 def _extent_m(plan: Plan | None, flown_m: Sequence[Array]) -> tuple[float, float, float, float]:
@@ -81,8 +83,8 @@ def _extent_m(plan: Plan | None, flown_m: Sequence[Array]) -> tuple[float, float
 
 
 def _draw_mine(axes: Axes, plan: Plan) -> None:
-    colours = ListedColormap([(1.0, 1.0, 1.0, 0.0), MINE])
-    axes.imshow(plan.covered, cmap=colours, extent=plan.extent_m, origin="lower", interpolation="antialiased", zorder=1)
+    grey = np.where(plan.covered[..., None], to_rgb(MINE), 1.0)
+    axes.imshow(grey, extent=plan.extent_m, origin="lower", interpolation="bilinear", aspect="auto", zorder=1)
     axes.add_collection(LineCollection(list(plan.walls_m), colors=WALL, linewidths=1.0, capstyle="round", zorder=2))
 
 
@@ -102,13 +104,6 @@ def _draw_modes(axes: Axes, flight: FlightLog) -> list[Line2D]:
         axes.add_collection(LineCollection(lines, colors=colour, linewidths=1.7, capstyle="round", zorder=above))
         handles.append(Line2D([], [], color=colour, lw=2.5, label=MODE_LABELS[mode]))
     return handles
-
-
-def stretches(modes: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Where each run of equal values begins, and the index after its end."""
-    changes = np.flatnonzero(np.diff(modes)) + 1
-    bounds = np.concatenate([[0], changes, [len(modes)]])
-    return bounds[:-1], bounds[1:]
 
 
 def _draw_ends(axes: Axes, flight: FlightLog, colour: str) -> None:

@@ -11,9 +11,10 @@ from sitl.report.data import Array, Points
 
 Floats = NDArray[np.float32]
 
-_SUPERSAMPLING = 2
-_FACE_LIGHT = np.array([0.80, 0.66, 1.0])  # faces across x, y and z
-_SHADES = ((0.15, 3.0), (0.5, 1.6), (1.5, 0.5))  # reach in m and strength in 1/m of what darkens corners
+_SAMPLES = 2  # a pixel along each axis
+_FACE_LIGHT = np.array([0.82, 0.68, 1.0], np.float32)  # faces across x, y and z
+_SHADE_REACH_M = 1.5
+_SHADE_STRENGTH = 1.4
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,113 +38,128 @@ class Rendering:
 
     Attributes:
         rgb: (rows, columns, 3) uint8, row 0 on top; white where nothing is.
-        extent_m: (left, right, bottom, top) in the picture's plane, along `Camera.axes`.
+        pixel_m: how large a pixel is, for lengths across the picture.
     """
 
     rgb: NDArray[np.uint8]
-    extent_m: tuple[float, float, float, float]
+    pixel_m: float
 
 
-def render(centres_m: Points, colours: Array, voxel_m: float, camera: Camera, width_px: int) -> Rendering:
-    """Draws cubes.
+def render(centres_m: Points, colours: Array, voxel_m: float, camera: Camera, box_px: tuple[int, int]) -> Rendering:
+    """Draws cubes as large as they fit.
 
     Args:
         centres_m: (n, 3), at least one.
         colours: (n, 3) red, green and blue from 0 to 1.
         voxel_m: edge length of the cubes, whose edges run along the world's axes.
         camera: from where.
-        width_px: width or height of the result, whichever is larger.
+        box_px: the greatest width and height of the result.
     """
-    seen = centres_m @ camera.axes.T
-    room = 2.0 * voxel_m
-    low, high = seen[:, :2].min(axis=0) - room, seen[:, :2].max(axis=0) + room
-    pixel = float((high - low).max()) / (width_px * _SUPERSAMPLING)
-    offsets, faces = _stamp(voxel_m + pixel, pixel, camera)
-    border = int(np.abs(offsets).max()) + 1
-    # Whole blocks of samples in both directions, so that they can be averaged.
-    size = -(-np.ceil((high - low) / pixel).astype(np.int64) // _SUPERSAMPLING) * _SUPERSAMPLING
-    columns, rows = (int(n) + 2 * border * _SUPERSAMPLING for n in size)
-    left, top = low[0] - border * _SUPERSAMPLING * pixel, low[1] + (rows - border * _SUPERSAMPLING) * pixel
+    seen = np.asarray(centres_m, dtype=np.float64) @ camera.axes.T
+    low, high = seen[:, :2].min(axis=0) - 2.0 * voxel_m, seen[:, :2].max(axis=0) + 2.0 * voxel_m
+    pixel = float(((high - low) / box_px).max())
+    sample = pixel / _SAMPLES
+    columns, rows = (_SAMPLES * int(np.ceil(extent / pixel - 1e-6)) for extent in high - low)
 
     # The cubes lie on a grid, so sorting their centres by depth sorts the cubes: the greatest rank is what one sees.
     order = np.argsort(seen[:, 2])
-    at_column = ((seen[order, 0] - left) / pixel).astype(np.int64)
-    at_row = ((top - seen[order, 1]) / pixel).astype(np.int64)
+    at_column = ((seen[order, 0] - low[0]) / sample).astype(np.int64)
+    at_row = rows - 1 - ((seen[order, 1] - low[1]) / sample).astype(np.int64)
     flat, rank = at_row * columns + at_column, np.arange(len(order))
+    # A sample more than the cube: centres are rounded to samples, and no crack may open between two of them.
+    offsets, faces, rises_m = _stamp(voxel_m + sample, sample, camera)
     winner = np.full(rows * columns, -1)
     for k, (right, up) in enumerate(offsets):
         np.maximum.at(winner, flat + (right - up * columns), rank * len(offsets) + k)
+
     rgb, depth = _resolved(
         winner.reshape(rows, columns),
-        _FACE_LIGHT[faces].astype(np.float32),
+        _FACE_LIGHT[faces],
+        rises_m.astype(np.float32),
         colours[order].astype(np.float32),
         seen[order, 2].astype(np.float32),
     )
-    rgb *= _shade(depth, pixel * _SUPERSAMPLING)[..., None]
-    extent = (float(left), float(left + columns * pixel), float(top - rows * pixel), float(top))
-    return Rendering((255.0 * np.clip(rgb, 0.0, 1.0)).astype(np.uint8), extent)
+    rgb *= _shade(depth, pixel, voxel_m)[..., None]
+    return Rendering((255.0 * np.clip(rgb, 0.0, 1.0)).astype(np.uint8), pixel)
 
 
-def _resolved(
-    winner: NDArray[np.int64], light: Floats, colours: Floats, depths_m: Floats
-) -> tuple[Floats, Floats]:
-    """Colour (rows, columns, 3) on white, averaged over the samples of each pixel, and the nearest depth of them."""
-    rgb, depth = np.float32(0.0), np.float32(-np.inf)
-    colours = np.concatenate([colours, np.ones((1, 3), np.float32)])  # index -1: the background
-    depths_m = np.append(depths_m, np.float32(-np.inf))
-    light = np.append(light, np.float32(1.0))
-    parts = len(light) - 1
-    for dy, dx in np.ndindex(_SUPERSAMPLING, _SUPERSAMPLING):
-        sample = winner[dy::_SUPERSAMPLING, dx::_SUPERSAMPLING]
-        cube = sample // parts
-        part = np.where(sample < 0, parts, sample - cube * parts)
-        rgb = rgb + colours[cube] * light[part][..., None]
-        depth = np.maximum(depth, depths_m[cube])
-    return rgb / np.float32(_SUPERSAMPLING**2), depth
-
-
-def _stamp(edge_m: float, pixel_m: float, camera: Camera) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _stamp(edge_m: float, sample_m: float, camera: Camera) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
     """The outline of one cube in samples.
 
     Returns:
-        (k, 2) offsets from the centre to the right and up, and (k,) which face is seen there: 0, 1 or 2 for the one
-        across x, y or z.
+        (k, 2) offsets from the centre to the right and up; (k,) which face is seen there, 0, 1 or 2 for the one across
+        x, y or z; (k,) how much nearer than the centre it is, in m.
     """
-    reach = int(np.ceil(edge_m / pixel_m))  # half the diagonal of a cube is 0.87 of its edge
+    reach = int(np.ceil(edge_m / sample_m))  # half the diagonal of a cube is 0.87 of its edge
     steps = np.arange(-reach, reach + 1)
     offsets = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
     right, up, towards = camera.axes
-    on_plane = pixel_m * (offsets[:, :1] * right + offsets[:, 1:] * up)
-    # The line of sight through each sample enters the cube at the nearest of the far sides of its three slabs.
+    on_plane = sample_m * (offsets[:, :1] * right + offsets[:, 1:] * up)
+    # Going away from the viewer, a line of sight is inside the cube once it has entered all three of its slabs.
     slope = np.where(np.abs(towards) < 1e-9, 1e-9, towards)
     enter = (np.sign(slope) * edge_m / 2 - on_plane) / slope
     face = np.argmin(enter, axis=1)
-    on_cube = on_plane + enter[np.arange(len(face)), face, None] * slope
+    rise = enter[np.arange(len(face)), face]
+    on_cube = on_plane + rise[:, None] * slope
     inside = (np.abs(on_cube) <= edge_m / 2 * (1 + 1e-6)).all(axis=1)
-    return offsets[inside], face[inside]
+    return offsets[inside], face[inside], rise[inside]
 
 
-def _shade(depth_m: Floats, pixel_m: float) -> Floats:
+def _resolved(
+    winner: NDArray[np.int64], light: Floats, rises_m: Floats, colours: Floats, depths_m: Floats
+) -> tuple[Floats, Floats]:
+    """The mean colour of the samples of each pixel (rows, columns, 3) on white, and their nearest depth.
+
+    ``light`` and ``rises_m`` belong to the parts of a cube, ``colours`` and ``depths_m`` to the cubes.
+    """
+    rows, columns = winner.shape[0] // _SAMPLES, winner.shape[1] // _SAMPLES
+    samples = winner.reshape(rows, _SAMPLES, columns, _SAMPLES).swapaxes(1, 2).reshape(rows * columns, _SAMPLES**2)
+    drawn = np.flatnonzero(samples.max(axis=1) >= 0)
+    samples = samples[drawn]
+
+    cube = samples // len(light)  # -1, the last entry: the background
+    part = samples - cube * len(light)
+    lit = np.where(samples < 0, np.float32(1.0), light[part])
+    colours = np.append(colours, np.ones((1, 3), np.float32), axis=0)
+    depths_m = np.append(depths_m, np.float32(-np.inf))
+    rgb = np.ones((rows * columns, 3), np.float32)
+    rgb[drawn] = np.einsum("ps,psc->pc", lit, colours[cube]) / np.float32(_SAMPLES**2)
+    depth = np.full(rows * columns, -np.inf, np.float32)
+    depth[drawn] = (depths_m[cube] + rises_m[part]).max(axis=1)
+    return rgb.reshape(rows, columns, 3), depth.reshape(rows, columns)
+
+
+def _shade(depth_m: Floats, pixel_m: float, voxel_m: float) -> Floats:
     """How much light is left: less than 1 where the surroundings stand nearer to the viewer, as in corners.
 
-    The depth buffer under an unsharp mask (Luft, Colditz, Deussen 2006): it needs no normals and no rays.
+    The depth buffer against itself, softened more and more (an unsharp mask; Luft, Colditz, Deussen 2006): it needs no
+    normals and no rays. Softening by less than half a voxel would only show that a map has noise. A difference counts
+    in proportion to how far was softened, and at most once, so that what floats high above does not blacken what is
+    below it.
     """
     known = np.isfinite(depth_m)
     depth = np.where(known, depth_m, np.float32(0.0))
-    weight = known.astype(np.float32)
-    dark = np.zeros_like(depth)
-    for reach_m, strength in _SHADES:
-        reach = max(1, round(reach_m / pixel_m))
-        around = _blurred(depth, reach) / np.maximum(_blurred(weight, reach), np.float32(1e-6))
-        dark += strength * np.clip(around - depth, 0.0, reach_m)
-    return np.asarray(np.where(known, np.exp(-dark), 1.0), dtype=np.float32)
+    field, weight, dark = depth, known.astype(np.float32), np.zeros_like(depth)
+    step, counted, variance_px2 = 1, 0, 0.0
+    while counted == 0 or step * pixel_m < _SHADE_REACH_M:
+        field, weight = _softened(field, step), _softened(weight, step)
+        variance_px2 += step**2 / 2
+        softened_m = pixel_m * variance_px2**0.5
+        if softened_m > voxel_m / 2:
+            around = field / np.maximum(weight, np.float32(1e-6))
+            dark += np.clip((around - depth) / np.float32(softened_m), 0.0, 1.0)
+            counted += 1
+        step *= 2
+    return np.where(known, np.exp(dark * np.float32(-_SHADE_STRENGTH / counted)), np.float32(1.0))
 
 
-def _blurred(field: Floats, reach: int) -> Floats:
-    """The field under a triangular window: a sliding mean of 2 reach + 1 values, twice, along both axes."""
-    width = 2 * reach + 1
-    for axis in (0, 1, 0, 1):
-        padded = np.pad(field, [(reach + 1, reach) if k == axis else (0, 0) for k in (0, 1)])
-        total = np.cumsum(padded, axis=axis, dtype=np.float64).swapaxes(0, axis)
-        field = ((total[width:] - total[:-width]) / width).swapaxes(0, axis).astype(np.float32)
+def _softened(field: Floats, step: int) -> Floats:
+    """The field under the window (1, 2, 1)/4 along both axes, spread by ``step`` pixels; zero beyond the border."""
+    for turned in (False, True):
+        source = field.T if turned else field
+        total = 2.0 * source
+        total[step:] += source[:-step]
+        total[:-step] += source[step:]
+        total *= 0.25
+        field = total.T if turned else total
     return field

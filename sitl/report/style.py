@@ -8,10 +8,11 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.transforms import blended_transform_factory
+from matplotlib.image import imsave
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 
 from companion.model import Mode
 
@@ -31,9 +32,17 @@ MODE_LABELS = {
     Mode.HOLD: "hold",
 }
 VEHICLE_COLOURS = ("#0072b2", "#e66100", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", INK)
+WIDTH_IN = 10.0
+HALF_WIDTH_IN = 5.4  # two of these beside each other are as wide as the page
+STRIP_IN = 0.75  # below plans and maps, for the scale bar and the legend: nothing there can cover data
+MOST_IN = 7.2  # the greatest height of a plan or map
+
 SAFE, NEAR, CRITICAL = "#0072b2", "#e69f00", "#b3001b"
 
-_RC: dict[str, Any] = {
+DPI = 144
+_EDGE_IN = 0.15
+
+_RC: Any = {  # matplotlib's own type for this names every key that it has
     "font.family": "DejaVu Sans",
     "font.size": 9.5,
     "axes.edgecolor": FAINT_INK,
@@ -49,19 +58,36 @@ _RC: dict[str, Any] = {
     "xtick.color": FAINT_INK,
     "ytick.color": FAINT_INK,
     "legend.frameon": False,
-    "figure.dpi": 160,
+    "figure.dpi": DPI,
 }
 
 
-def picture(width_in: float, height_in: float, draw: Callable[[Figure], None]) -> bytes:
-    """A PNG of the size given, drawn by ``draw`` on an empty white figure."""
+def picture(
+    width_in: float, height_in: float, draw: Callable[[Figure], None], raster: NDArray[np.uint8] | None = None
+) -> bytes:
+    """A PNG.
+
+    Args:
+        width_in: its width, `DPI` pixels to the inch.
+        height_in: its height.
+        draw: draws on an empty white figure.
+        raster: (rows, columns, 3) put in the middle of the top edge as it is, over what is drawn there: matplotlib
+            would take longer to resample it than it took to make.
+    """
     with mpl.rc_context(_RC):
-        figure = Figure(figsize=(width_in, height_in), facecolor="white", layout="constrained")
+        figure = Figure(figsize=(width_in, height_in), facecolor="white")
         FigureCanvasAgg(figure)
         draw(figure)
         buffer = io.BytesIO()
-        figure.savefig(buffer, format="png")
-    return buffer.getvalue()
+        figure.savefig(buffer, format="rgba", dpi=DPI)
+    columns, rows = figure.canvas.get_width_height()
+    pixels = np.frombuffer(buffer.getvalue(), np.uint8).reshape(rows, columns, 4).copy()
+    if raster is not None:
+        left = (columns - raster.shape[1]) // 2
+        pixels[: raster.shape[0], left : left + raster.shape[1], :3] = raster
+    png = io.BytesIO()
+    imsave(png, pixels, format="png", pil_kwargs={"compress_level": 4})
+    return png.getvalue()
 
 
 def vehicle_colour(index: int) -> str:
@@ -76,11 +102,11 @@ def round_length_m(extent_m: float) -> float:
     return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= fifth * (1.0 + 1e-9)))
 
 
-def add_scale_bar(axes: Axes, extent_m: float) -> None:
-    """A scale bar below the lower left corner of axes whose x runs over ``extent_m`` metres, and no ticks."""
-    left = axes.get_xlim()[0] + 0.01 * extent_m
-    length = round_length_m(extent_m)
-    place = blended_transform_factory(axes.transData, axes.transAxes)
-    axes.plot([left, left + length], [-0.025, -0.025], color=INK, lw=2.2, transform=place, clip_on=False)
-    axes.text(left + length, -0.025, f"  {length:g} m", va="center", ha="left", transform=place)
-    axes.set_axis_off()
+def add_scale_bar(figure: Figure, inch_per_m: float, width_in: float) -> None:
+    """A scale bar in the lower left corner, for a picture that is ``width_in`` wide."""
+    length = round_length_m(width_in / inch_per_m)
+    left, right, y = _EDGE_IN, _EDGE_IN + length * inch_per_m, STRIP_IN / 2
+    to_inch = figure.dpi_scale_trans
+    for x0, y0, x1, y1 in ((left, y, right, y), (left, y - 0.05, left, y + 0.05), (right, y - 0.05, right, y + 0.05)):
+        figure.add_artist(Line2D((x0, x1), (y0, y1), color=INK, lw=1.8, transform=to_inch))
+    figure.text(right + 0.08, y, f"{length:g} m", va="center", transform=to_inch)

@@ -1,2 +1,92 @@
-from sitl.report.plan import overview_picture as overview_png
-def write_report(path, data): ...
+"""Puts a report together and writes it whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from sitl.report.curves import distance_histogram, flight_picture, progress_picture
+from sitl.report.data import ReportData
+from sitl.report.maps import map_pictures
+from sitl.report.page import Picture, Section, page_html
+from sitl.report.plan import overview_png
+
+
+def write_report(path: Path, data: ReportData) -> None:
+    """Writes the report to ``path``: one HTML file that needs no other, replaced only once the new one is complete.
+
+    Raises:
+        OSError: the file cannot be written; what was there before is then still there.
+    """
+    # A name from a damaged file system may hold characters that UTF-8 does not have.
+    content = page_html(data, _sections(data)).encode("utf-8", errors="replace")
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        unfinished.write_bytes(content)
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def _sections(data: ReportData) -> Iterator[Section]:
+    several = len(data.flights) > 1
+    colours = "one colour a vehicle" if several else "coloured by mode"
+    yield Section(
+        "The way flown",
+        [
+            Picture(
+                overview_png(data),
+                f"The mine from above and the way flown, {colours}; the outline is its walls at flying height: look "
+                "for drifts that no line enters, and for lines that come near a wall.",
+            )
+        ],
+    )
+    maps = map_pictures(data)
+    if maps is not None:
+        above, oblique = maps
+        yield Section(
+            "The map",
+            [
+                Picture(
+                    oblique,
+                    "The map with everything above the flying height taken off: look for holes in floors and walls; "
+                    "red is what could have been seen but is missing, on the roof too.",
+                ),
+                Picture(
+                    above,
+                    "The same from straight above: look for walls that are crooked, doubled or broken.",
+                ),
+            ],
+        )
+    if data.flights:
+        yield Section("The flight over time", [_flight(data, index) for index in range(len(data.flights))])
+    yield Section(
+        "Progress and distance",
+        [
+            Picture(
+                progress_picture(data),
+                "How much of the visible surface was mapped when: look for long flat stretches, in which the vehicle "
+                "flew where everything had been seen.",
+                half=True,
+            ),
+            Picture(
+                distance_histogram(data),
+                "How much of the time was spent how near to a wall: look for red bars, left of d_c, and for how far "
+                "the bulk is from d_s.",
+                half=True,
+            ),
+        ],
+    )
+
+
+def _flight(data: ReportData, index: int) -> Picture:
+    flight = data.flights[index]
+    several = len(data.flights) > 1
+    whose = f"Vehicle {flight.vehicle_id}: distance" if several else "Distance"
+    layers = "; where h leaves H for a while, others were near and each kept to its own layer" if several else ""
+    return Picture(
+        flight_picture(flight, data),
+        f"{whose} to the nearest wall, height above ground and mode: look for blue in the red band, nearer than d_c, "
+        f"and for grey that leaves the blue, which is a wrong measurement{layers}.",
+    )

@@ -14,9 +14,6 @@ Height = Callable[[Array, Array], Array]
 Displacement = Callable[[Array, Array], Array]
 """Moves vertices: (points_m (n, 3), rise (n,) from 0 on the floor to 1 on the roof) -> moved points (n, 3)."""
 
-_NUDGE_M = 1e-3
-"""Grid points nearer to a wall than this count as this far inside: no triangle may be a point."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shell:
@@ -34,6 +31,7 @@ def extruded(
     height_m: Height,
     wall_strips: int = 1,
     displaced: Displacement | None = None,
+    least_m: float = 1e-3,
 ) -> Shell:
     """The closed surface around the free space over a plan.
 
@@ -43,31 +41,33 @@ def extruded(
         inside_m: the plan: positive where free, and linear across a straight wall if that wall is to be straight.
         ground_m: height of the floor.
         height_m: height of the roof above the floor.
-        wall_strips: how many triangles pairs a wall is high.
+        wall_strips: how many pairs of triangles a wall is high.
         displaced: moves every vertex at the end; being one continuous field, it keeps the surface closed.
+        least_m: a wall nearer than this to a grid point is moved this far away from it: no triangle may be a point.
     """
     x, y = np.meshgrid(x_lines_m, y_lines_m, indexing="ij")
     inside = inside_m(x, y)
-    inside = np.where(np.abs(inside) < _NUDGE_M, _NUDGE_M, inside)
+    inside = np.where(np.abs(inside) < least_m, np.copysign(least_m, inside), inside)
     if (inside[[0, -1]] > 0.0).any() or (inside[:, [0, -1]] > 0.0).any():
         raise ValueError("the free space reaches the border of the grid")
 
     plan, ids = _plan_vertices(x_lines_m, y_lines_m, inside)
     floor, walls = _polygons(inside > 0.0, ids)
 
-    n = len(plan)
-    rise = np.repeat(np.linspace(0.0, 1.0, wall_strips + 1), n)
-    px, py = np.tile(plan, (wall_strips + 1, 1)).T
-    points = np.stack([px, py, ground_m(px, py) + rise * height_m(px, py)], axis=1)
-    if displaced is not None:
-        points = displaced(points, rise)
-
+    n = len(plan)  # vertex k of the plan is vertex k + level * n of the mesh, as far as it is used there
     triangles = [floor, floor[:, ::-1] + wall_strips * n]
     a, b = walls.T
     for low in range(0, wall_strips * n, n):
         high = low + n
         triangles += [np.stack([b + low, a + low, a + high], axis=1), np.stack([b + low, a + high, b + high], axis=1)]
-    return _without_unused(points, np.concatenate(triangles))
+    used, renumbered = np.unique(np.concatenate(triangles), return_inverse=True)
+
+    rise = used // n / wall_strips
+    px, py = plan[used % n].T
+    points = np.stack([px, py, ground_m(px, py) + rise * height_m(px, py)], axis=1)
+    if displaced is not None:
+        points = displaced(points, rise)
+    return Shell(points.astype(np.float32), renumbered.astype(np.int32))
 
 
 def _plan_vertices(x_lines: Array, y_lines: Array, inside: Array) -> tuple[Array, NDArray[np.int64]]:
@@ -130,11 +130,3 @@ def _polygons(free: NDArray[np.bool_], ids: NDArray[np.int64]) -> tuple[NDArray[
         sides = zip(polygon, polygon[1:] + polygon[:1], strict=True)
         walls += [cells[:, [a, b]] for a, b in sides if a >= 4 and b >= 4]
     return np.concatenate(triangles), np.concatenate(walls)
-
-
-def _without_unused(points: Array, triangles: NDArray[np.int64]) -> Shell:
-    """The mesh without the vertices that only the levels between floor and roof would have inside the free space."""
-    used = np.unique(triangles)
-    renumbered = np.zeros(len(points), dtype=np.int32)
-    renumbered[used] = np.arange(len(used), dtype=np.int32)
-    return Shell(points[used].astype(np.float32), renumbered[triangles])

@@ -31,6 +31,8 @@ def load_world(spec: str, seed: int, start: Start | None = None) -> World:
     if spec in _FIXED:
         world = _FIXED[spec]()
     elif spec == "random":
+        if seed < 0:
+            raise InputError(f"seed {seed}: must not be negative")
         world = random_world(seed)
     elif kind == "random":
         if not (drawn_by.isascii() and drawn_by.isdigit()):
@@ -40,5 +42,7 @@ def load_world(spec: str, seed: int, start: Start | None = None) -> World:
         return mesh_world(Path(spec), start)
     else:
         known = ", ".join([*_FIXED, "random", "random:K"])
-        raise InputError(f"world {spec}: there is none of that name; give {known} or a mesh file ({', '.join(SUFFIXES)})")
+        raise InputError(
+            f"world {spec}: there is none of that name; give {known} or a mesh file ({', '.join(SUFFIXES)})"
+        )
     return world if start is None else replace(world, start=start_pose(start))

@@ -10,6 +10,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
@@ -20,12 +21,15 @@ from sitl.worlds.model import World
 SUFFIXES = (".ply", ".stl", ".obj", ".off", ".glb")
 """The mesh formats that are read."""
 
+_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+_COMPLAINT = "RPly:"
+
 Start = tuple[float, float, float, float]
 """x, y, z in m and yaw in rad."""
 
 
 def mesh_world(path: Path, start: Start | None) -> World:
-    """The world in a mesh file: metres, z up.
+    """The world in a mesh file: metres, z up (GLB, whose standard is y up, is turned).
 
     Args:
         path: a file with one of `SUFFIXES`.
@@ -41,13 +45,15 @@ def mesh_world(path: Path, start: Start | None) -> World:
         raise InputError(f"world {path}: not a mesh file that can be read; give one of {', '.join(SUFFIXES)}")
     where = start if start is not None else _start_beside(path)
 
-    import open3d  # noqa: PLC0415  (3 s; only those pay for it who read meshes)
+    import open3d  # takes 3 s: only those wait who read meshes
 
     with _silenced(open3d) as said:
-        mesh = open3d.io.read_triangle_mesh(str(path))
+        mesh = open3d.io.read_triangle_mesh(path)
     vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
     if said:
-        raise InputError(f"world {path}: the file is damaged or not what its name says ({said[0]})")
+        raise InputError(f"world {path}: the file is damaged or not what its name says: {said[0]}")
+    if len(vertices) == 0:
+        raise InputError(f"world {path}: the file is empty, damaged or not what its name says: no mesh can be read from it")
     if len(triangles) == 0:
         raise InputError(f"world {path}: holds no triangles ({len(vertices)} points); a world must be a surface mesh")
     if triangles.min() < 0 or triangles.max() >= len(vertices):
@@ -57,6 +63,8 @@ def mesh_world(path: Path, start: Start | None) -> World:
         raise InputError(
             f"world {path}: {len(broken)} of {len(vertices)} vertices are not finite, the first is number {broken[0]}"
         )
+    if path.suffix.lower() == ".glb":
+        vertices = vertices @ _Z_UP.T
     return World(
         path.stem,
         np.ascontiguousarray(vertices, dtype=np.float32),
@@ -99,18 +107,17 @@ def _start_beside(path: Path) -> Start:
 
 
 @contextlib.contextmanager
-def _silenced(open3d: object) -> Iterator[list[str]]:
+def _silenced(open3d: ModuleType) -> Iterator[list[str]]:
     """Keeps the mesh readers from writing to the terminal.
 
     Open3D has its own level of verbosity; the PLY reader under it writes straight to the standard error stream, and
     returns what it had read so far as if nothing had happened.
 
     Yields:
-        a list that holds the lines written so, once the block is left.
+        a list that holds what the PLY reader complained of, once the block is left.
     """
     said: list[str] = []
-    with contextlib.suppress(ValueError):  # no real stream: nothing to silence
-        sys.stderr.flush()
+    sys.stderr.flush()
     kept = os.dup(2)
     with tempfile.TemporaryFile() as scratch:
         os.dup2(scratch.fileno(), 2)
@@ -121,4 +128,5 @@ def _silenced(open3d: object) -> Iterator[list[str]]:
             os.dup2(kept, 2)
             os.close(kept)
             scratch.seek(0)
-            said += scratch.read().decode(errors="replace").split("\n")[:-1]
+            lines = scratch.read().decode(errors="replace").splitlines()
+            said += [line.removeprefix(_COMPLAINT).strip() for line in lines if line.startswith(_COMPLAINT)]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 CORNER_M = 0.01
-"""How far from a straight wall the grid lines beside it lie, which bounds the chamfer that meshing cuts off a corner."""
+"""How far the grid lines beside a straight wall lie from it: so much do sharp corners lose."""
 
 
 @dataclass(frozen=True, slots=True)

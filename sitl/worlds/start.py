@@ -29,6 +29,4 @@ def check_start(world: World, caster: RayCaster, pose: Pose, radius_m: float) ->
         raise InputError(f"{where}: outside, there is no roof above it")
     distance_m = float(caster.distance(point[None])[0])
     if distance_m < radius_m:
-        raise InputError(
-            f"{where}: the nearest surface is {distance_m:.2f} m away, the vehicle needs {radius_m:.2f} m"
-        )
+        raise InputError(f"{where}: the nearest surface is {distance_m:.2f} m away, the vehicle needs {radius_m:.2f} m")

@@ -128,9 +128,12 @@ class TestFilesThatCannotBeRead:
             ("a: b: c", "vehicle.yaml:1: not valid YAML: mapping values are not allowed here"),
             ("a: 1\n---\nb: 1\n", "vehicle.yaml:2: not valid YAML: but found another document"),
             ("a: *b\n", "vehicle.yaml:1: not valid YAML: found undefined alias 'b'"),
-            ("a: \x07", "vehicle.yaml: not valid YAML: unacceptable character #x0007: special characters are not allowed"),
+            (
+                "a: \x07",
+                "vehicle.yaml: not valid YAML: unacceptable character #x0007: special characters are not allowed",
+            ),
             ("%YAML 1.7\n---\na: 1", "vehicle.yaml: not valid YAML: remove the lines that begin with %"),
-            ("[" * 5000, "vehicle.yaml: nested too deeply: this is no settings file"),
+            ("[" * 500, "vehicle.yaml: nested too deeply: this is no settings file"),
         ],
     )
     def test_not_yaml(self, write: Write, text: str, line: str) -> None:
@@ -165,7 +168,9 @@ class TestForm:
         assert refusal(write(text)) == [f"vehicle.yaml:1: control: tags such as {tag} are not used here; remove it"]
 
     def test_aliases_do_not_multiply(self, write: Write) -> None:
-        bomb = "a: &a [x]\n" + "".join(f"{b}: &{b} [{', '.join(['*' + a] * 9)}]\n" for a, b in zip("ab", "bc", strict=True))
+        bomb = "a: &a [x]\n" + "".join(
+            f"{b}: &{b} [{', '.join(['*' + a] * 9)}]\n" for a, b in zip("ab", "bc", strict=True)
+        )
         assert any("aliases (*name) are not used here" in line for line in refusal(write(bomb)))
 
     def test_alias_of_itself(self, write: Write) -> None:
@@ -305,14 +310,9 @@ class TestRules:
         assert line.startswith("vehicle.yaml:1: preset: ")
 
 
-YAML_LIKE = st.lists(
-    st.sampled_from(
-        ["control", "margin_m", "preset", ": ", ":\n  ", "\n", "- ", "? ", "[", "]", "{", "}", ", ", "&a ", "*a", "<<"]
-        + ["!!int ", "!!float ", "!!set ", "!x ", "%YAML 1.", "---\n", "...", "|\n", ">2-\n", "#", "'", '"', "\\", "\t"]
-        + ["0x", "1", ".", "e", "-", "_", ".inf", "null", "true", "~", "2001-01-01", "\ud7ff", "\u2028", "\ufeff", "\x85"]
-    ),
-    max_size=25,
-).map("".join)
+YAML_CHARACTERS = " \n\t:-?[]{},&*!|>#%'\"\\.0x1e_~\x85\u2028\ufeff"
+YAML_WORDS = ["control", "margin_m", "preset", ": ", ":\n  ", "&a ", "*a", "<<", "!!int ", "%YAML 1.", "---\n", ".inf"]
+YAML_LIKE = st.lists(st.sampled_from([*YAML_CHARACTERS, *YAML_WORDS]), max_size=30).map("".join)
 
 
 @given(st.one_of(st.binary(max_size=200), st.text(max_size=100).map(str.encode), YAML_LIKE.map(str.encode)))

@@ -1,0 +1,169 @@
+"""What of the mine's plan has been seen, and how far it is from anywhere to what has not.
+
+This is what makes the choice at a tangent better than a fixed coin. The theorem of the paper needs both outcomes of
+every draw to stay possible, not the coin to be fixed: whatever chooses must keep each probability within
+[p_min, 1 - p_min]. Nothing but these probabilities depends on the grid, so an error in it costs time, never safety.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from companion.model import HIT, UNKNOWN, FloatArray, Pose, Scan
+
+CELL_M = 0.5
+"""Size of a cell: a fraction of any drift that a vehicle fits through, and few enough cells for a search in a tick."""
+
+LOOK_M = 5.0
+"""Ground counts as seen within this distance: a little less than where depth is still good enough for a map."""
+
+FIRST_CELLS, MOST_CELLS = 256, 2048
+"""Side of the grid at the start and at most, in cells: 128 m, doubled as needed up to 1 km. Ground outside of the
+largest grid counts as seen, so that it does not attract."""
+
+_UNSEEN, _FREE, _WALL = np.uint8(0), np.uint8(1), np.uint8(2)
+
+
+class KnownGround:
+    """A plan grid of unseen, free and wall cells about the place where the flight began."""
+
+    def __init__(self) -> None:
+        self._cells = np.zeros((FIRST_CELLS, FIRST_CELLS), np.uint8)
+        self._origin: tuple[float, float] | None = None
+
+    def see(self, scan: Scan, pose: Pose) -> None:
+        """Enter what is in view: free along each bearing, a wall where it is HIT."""
+        if self._origin is None:
+            half_m = FIRST_CELLS * CELL_M / 2.0
+            self._origin = (pose.x_m - half_m, pose.y_m - half_m)
+        while not self._holds(pose) and self._grow():
+            pass
+        _see(
+            self._cells,
+            (pose.x_m - self._origin[0]) / CELL_M,
+            (pose.y_m - self._origin[1]) / CELL_M,
+            pose.yaw_rad,
+            scan.bearings_rad,
+            scan.ranges_m / CELL_M,
+            scan.state,
+            scan.fresh,
+            LOOK_M / CELL_M,
+        )
+
+    def way_to_unseen_m(self, from_m: tuple[float, float], via_m: FloatArray) -> FloatArray:
+        """Length of the way from a point via each of (n, 2) others to the nearest unseen ground; inf without any.
+
+        Ways run along the axes of the grid, which is how the search counts too, so that the ways compare. A point that
+        is itself unseen is at its end; one in a wall counts as its nearest free neighbour.
+        """
+        there = np.sum(np.abs(via_m - np.array(from_m)), axis=1)
+        if self._origin is None:
+            return np.asarray(there, np.float64)
+        steps = _steps_to_unseen(self._cells)
+        cells = np.floor((via_m - np.array(self._origin)) / CELL_M).astype(np.int64)
+        onward = [_around(steps, int(row), int(column)) * CELL_M for column, row in cells]
+        return np.asarray(there + np.array(onward), np.float64)
+
+    def _holds(self, pose: Pose) -> bool:
+        assert self._origin is not None  # noqa: S101 - set by the first look
+        side_m = len(self._cells) * CELL_M
+        border_m = LOOK_M + 1.0
+        x, y = pose.x_m - self._origin[0], pose.y_m - self._origin[1]
+        return border_m < x < side_m - border_m and border_m < y < side_m - border_m
+
+    def _grow(self) -> bool:
+        """Double the grid about its centre; False when it is as large as it may be."""
+        assert self._origin is not None  # noqa: S101 - set by the first look
+        side = len(self._cells)
+        if side >= MOST_CELLS:
+            return False
+        larger = np.zeros((2 * side, 2 * side), np.uint8)
+        larger[side // 2 : side // 2 + side, side // 2 : side // 2 + side] = self._cells
+        self._cells = larger
+        self._origin = (self._origin[0] - side / 2 * CELL_M, self._origin[1] - side / 2 * CELL_M)
+        return True
+
+
+def _around(steps: NDArray[np.int32], row: int, column: int) -> float:
+    """Steps at a cell, or the fewest of its neighbours when no search came to the cell itself."""
+    side = len(steps)
+    best = math.inf
+    for reach in (0, 1):
+        for r in range(max(row - reach, 0), min(row + reach, side - 1) + 1):
+            for c in range(max(column - reach, 0), min(column + reach, side - 1) + 1):
+                if steps[r, c] >= 0:
+                    best = min(best, float(steps[r, c]))
+        if best < math.inf:
+            break
+    return best
+
+
+@njit(cache=True, nogil=True)
+def _see(
+    cells: NDArray[np.uint8],
+    x: float,
+    y: float,
+    yaw_rad: float,
+    bearings: FloatArray,
+    ranges: FloatArray,
+    state: NDArray[np.uint8],
+    fresh: NDArray[np.bool_],
+    look: float,
+) -> None:
+    side = cells.shape[0]
+    for i in range(bearings.size):
+        if state[i] == UNKNOWN or not fresh[i]:
+            continue
+        dx = np.cos(yaw_rad + bearings[i])
+        dy = np.sin(yaw_rad + bearings[i])
+        # Free up to half a cell before the obstacle, so that the cell of a wall does not become free at a slant.
+        free = min(ranges[i] - 0.5, look) if state[i] == HIT else min(ranges[i], look)
+        distance = 0.0
+        while distance <= free:
+            column, row = int(np.floor(x + distance * dx)), int(np.floor(y + distance * dy))
+            if 0 <= row < side and 0 <= column < side and cells[row, column] == _UNSEEN:
+                cells[row, column] = _FREE
+            distance += 0.5
+        if state[i] == HIT and ranges[i] <= look:
+            column, row = int(np.floor(x + ranges[i] * dx)), int(np.floor(y + ranges[i] * dy))
+            if 0 <= row < side and 0 <= column < side:
+                cells[row, column] = _WALL
+
+
+@njit(cache=True, nogil=True)
+def _steps_to_unseen(cells: NDArray[np.uint8]) -> NDArray[np.int32]:
+    """Breadth-first search from every frontier through free cells; -1 where it does not come, 0 in unseen cells."""
+    side = cells.shape[0]
+    steps = np.full((side, side), -1, np.int32)
+    queue = np.empty(side * side, np.int32)
+    head, tail = 0, 0
+    for row in range(1, side - 1):
+        for column in range(1, side - 1):
+            if cells[row, column] == _UNSEEN:
+                steps[row, column] = 0
+            elif cells[row, column] == _FREE:
+                unseen, wall = 0, 0
+                for dr in range(-1, 2):
+                    for dc in range(-1, 2):
+                        unseen += cells[row + dr, column + dc] == _UNSEEN
+                        wall += cells[row + dr, column + dc] == _WALL
+                # A chink between the points of a wall is no frontier: there a wall is beside the unseen.
+                if unseen >= 2 and wall == 0:
+                    steps[row, column] = 1
+                    queue[tail] = row * side + column
+                    tail += 1
+    while head < tail:
+        row, column = queue[head] // side, queue[head] % side
+        head += 1
+        for k in range(4):
+            r = row + (k == 0) - (k == 1)
+            c = column + (k == 2) - (k == 3)
+            if 0 < r < side - 1 and 0 < c < side - 1 and cells[r, c] == _FREE and steps[r, c] < 0:
+                steps[r, c] = steps[row, column] + 1
+                queue[tail] = r * side + c
+                tail += 1
+    return steps

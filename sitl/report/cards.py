@@ -1,0 +1,109 @@
+"""The headline of a report: how the flight went, in one sentence and a few figures."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from sitl.report.data import ReportData
+from sitl.report.text import UNKNOWN, minutes, number, seconds, shown
+from sitl.simulation import COMPLETE_SHARE
+
+
+class State(enum.StrEnum):
+    """How good a figure is; the value is its class in the style sheet."""
+
+    GOOD = "good"
+    LOOK = "look"
+    BAD = "bad"
+    PLAIN = "plain"
+
+
+@dataclass(frozen=True, slots=True)
+class Card:
+    """One key figure, all in plain text. ``words`` says that the value is a sentence rather than a number."""
+
+    label: str
+    value: str
+    note: str
+    state: State = State.PLAIN
+    words: bool = False
+
+
+def verdict(data: ReportData) -> tuple[State, str]:
+    """How the flight went: whether the map is complete, and whether anything was touched."""
+    completeness, contacts = number(data.summary, "completeness"), number(data.summary, "contacts")
+    if completeness is None:
+        mapped = "It is not known how complete the map is"
+    elif completeness >= COMPLETE_SHARE:
+        mapped = "The map is complete"
+    else:
+        mapped = f"The map is not complete ({_percent(completeness)})"
+    if contacts is None:
+        touched = "it is not known whether a wall was touched"
+    elif contacts == 0:
+        touched = "no wall was touched"
+    else:
+        touched = f"walls were touched {'once' if contacts == 1 else f'{contacts:.0f} times'}"
+    states = (_completeness_state(completeness), _contact_state(contacts))
+    worst = next((state for state in (State.BAD, State.LOOK) if state in states), State.GOOD)
+    return worst, f"{mapped}, and {touched}."
+
+
+def key_figures(data: ReportData) -> list[Card]:
+    """The cards, the most important first."""
+    summary = data.summary
+    completeness, completed_s = number(summary, "completeness"), number(summary, "completed_at_s")
+    least_m, contacts = number(summary, "least_d_m"), number(summary, "contacts")
+    below, precision = number(summary, "time_below_d_s_fraction"), number(summary, "precision")
+    accuracy_m, path_m = number(summary, "accuracy_m"), number(summary, "path_length_m")
+    sim_s, wall_s = number(summary, "sim_time_s"), number(summary, "wall_time_s")
+    times = number(summary, "times_real_time")
+    ended = summary.get("ended_because")
+    return [
+        Card("Map complete", _percent(completeness), "of what can be seen", _completeness_state(completeness)),
+        Card(
+            f"Time to {COMPLETE_SHARE:.0%}, t_f",
+            UNKNOWN if completed_s is None else f"{completed_s:.0f} s",
+            "not reached" if completed_s is None else minutes(completed_s),
+            State.LOOK if completed_s is None else State.GOOD,
+        ),
+        Card("Contacts with walls", shown(summary.get("contacts")), "should be none", _contact_state(contacts)),
+        Card(
+            "Least distance to a wall",
+            UNKNOWN if least_m is None else f"{least_m:.2f} m",
+            f"d_s is {data.margin_m:g} m, d_c {data.critical_margin_m:g} m; {_percent(below)} of the time below d_s",
+            State.PLAIN if least_m is None else State.GOOD if least_m >= data.critical_margin_m else State.LOOK,
+        ),
+        Card(
+            "Accuracy of the map",
+            UNKNOWN if accuracy_m is None else f"{100.0 * accuracy_m:.1f} cm",
+            f"mean error; {_percent(precision)} of the voxels are surface",
+        ),
+        Card(
+            "Way flown",
+            UNKNOWN if path_m is None else f"{path_m:.0f} m",
+            "time of flight not known" if sim_s is None else f"in {seconds(sim_s)}",
+        ),
+        Card(
+            "Simulated",
+            UNKNOWN if times is None else f"{times:.3g} × real time",
+            "computing time not known" if wall_s is None else f"{seconds(wall_s)} of computing",
+        ),
+        Card("Ended because", shown(ended), "", words=True),
+    ]
+
+
+def _completeness_state(completeness: float | None) -> State:
+    return State.GOOD if completeness is not None and completeness >= COMPLETE_SHARE else State.LOOK
+
+
+def _contact_state(contacts: float | None) -> State:
+    if contacts is None:
+        return State.LOOK
+    return State.GOOD if contacts == 0 else State.BAD
+
+
+def _percent(share: float | None) -> str:
+    """One decimal, rounded down: 98.97 % must not read as the 99 % that was missed."""
+    return UNKNOWN if share is None else f"{int(share * 1000.0 + 1e-6) / 10.0:.1f} %"
