@@ -142,11 +142,11 @@ def traveling_surface(
         parents = np.repeat(wave, 4, axis=0)
         cells = (cells[:, None] + _NEXT).reshape(-1, 2)
         there = np.column_stack([origin[:2] + cells * step_m, parents[:, 2]])
-        free = caster.cast(parents, there - parents) > 1.0
+        free = ~caster.blocked(parents, there)
         there[:, 2] += height_m - caster.cast(there, _DOWN)
         free &= np.abs(there[:, 2] - parents[:, 2]) <= max_slope * step_m
         cells, parents, there = cells[free], parents[free], there[free]
-        free = caster.cast(parents, there - parents) > 1.0
+        free = ~caster.blocked(parents, there)
         cells, there = cells[free], there[free]
         fresh = looked_at.add(cells, there[:, 2])
         cells, there = cells[fresh], there[fresh]
@@ -310,9 +310,11 @@ def visible_samples(
         tried = hidden[viewpoints[group[hidden], look] >= 0]
         source = viewpoints[group[tried], look]
         ways = samples[tried] - surface_points[source]
-        lengths = np.linalg.norm(ways, axis=1)
-        clear = caster.cast(surface_points[source], ways) * lengths >= lengths - _STOP_M
-        visible[tried[clear & (lengths <= max_range_m)]] = True
+        lengths_m = np.linalg.norm(ways, axis=1)
+        near = lengths_m <= max_range_m
+        tried, source = tried[near], source[near]
+        ends = samples[tried] - ways[near] * np.minimum(_STOP_M / lengths_m[near], 1.0)[:, None]
+        visible[tried[~caster.blocked(surface_points[source], ends)]] = True
         hidden = hidden[~visible[hidden]]
         if look == _FIRST_LOOKS:  # where nothing was seen from so many points, there is rock between: do not go on
             hopeful = np.zeros(len(starts), dtype=bool)

@@ -161,14 +161,6 @@ def _corridor_is_free(
     return True
 
 
-def free_length_m(scan: Scan, bearing_rad: float, half_width_m: float) -> float:
-    """Length of the corridor of that half-width in that direction before the first HIT; inf when there is none."""
-    off = (scan.bearings_rad - bearing_rad + np.pi) % (2.0 * np.pi) - np.pi
-    inside = (scan.state == HIT) & (np.abs(off) < np.pi / 2.0)
-    inside &= scan.ranges_m * np.abs(np.sin(off)) < half_width_m
-    return float(np.min(scan.ranges_m[inside] * np.cos(off[inside]), initial=np.inf))
-
-
 def lies_along_boundary(scan: Scan, edge: Edge, margin_m: float) -> bool:
     """Whether the segment to the edge's target runs along ∂S(d_s), so that following the wall flies it anyway."""
     return bool(

@@ -8,6 +8,8 @@ every draw to stay possible, not the coin to be fixed: whatever chooses must kee
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -25,7 +27,28 @@ FIRST_CELLS, MOST_CELLS = 256, 2048
 """Side of the grid at the start and at most, in cells: 128 m, doubled as needed up to 1 km. Ground outside of the
 largest grid counts as seen, so that it does not attract."""
 
+SEARCH_CELLS = 384
+"""Side of the window about the vehicle in which ways are searched, in cells: 192 m, about two milliseconds. Beyond it
+everything counts as seen, so that the nearer unseen ground decides."""
+
+FOLLOW_CELLS = 240
+"""How far a wall is followed in thought, in cells: 120 m, once round a large pillar."""
+
+DETOUR = 3.0
+"""Ground that a followed wall passes at a distance counts this much further than that distance: to get there another
+tangent must come and be taken."""
+
 _UNSEEN, _FREE, _WALL = np.uint8(0), np.uint8(1), np.uint8(2)
+
+
+@dataclass(frozen=True, slots=True)
+class WallFollowing:
+    """Where the vehicle would begin to follow a wall, heading where, with the wall on which side (Γ)."""
+
+    x_m: float
+    y_m: float
+    direction_rad: float
+    gamma: int
 
 
 class KnownGround:
@@ -54,19 +77,37 @@ class KnownGround:
             LOOK_M / CELL_M,
         )
 
-    def way_to_unseen_m(self, from_m: tuple[float, float], via_m: FloatArray) -> FloatArray:
-        """Length of the way from a point via each of (n, 2) others to the nearest unseen ground; inf without any.
+    def way_to_unseen_m(self, from_m: tuple[float, float], starts: Sequence[WallFollowing]) -> list[float]:
+        """Length of the way from a point to unseen ground, for each of several walls that it may go and follow.
 
-        Ways run along the axes of the grid, which is how the search counts too, so that the ways compare. A point that
-        is itself unseen is at its end; one in a wall counts as its nearest free neighbour.
+        The wall is followed in thought on the grid, with the hand on it, until unseen ground is reached; ground that is
+        only passed by counts as far as a detour to it. inf when there is none.
+
+        Args:
+            from_m: x and y of the vehicle.
+            starts: where each following begins; the straight way there counts too.
         """
-        there = np.sum(np.abs(via_m - np.array(from_m)), axis=1)
         if self._origin is None:
-            return np.asarray(there, np.float64)
-        steps = _steps_to_unseen(self._cells)
-        cells = np.floor((via_m - np.array(self._origin)) / CELL_M).astype(np.int64)
-        onward = [_around(steps, int(row), int(column)) * CELL_M for column, row in cells]
-        return np.asarray(there + np.array(onward), np.float64)
+            return [math.inf for _ in starts]
+        side = len(self._cells)
+        window = min(side, SEARCH_CELLS)
+        column, row = self._cell(*from_m)
+        left = min(max(column - window // 2, 0), side - window)
+        low = min(max(row - window // 2, 0), side - window)
+        cells = self._cells[low : low + window, left : left + window].copy()
+        steps = _steps_to_unseen(cells)
+        ways = []
+        for start in starts:
+            c, r = self._cell(start.x_m, start.y_m)
+            onward = _follow(cells, steps, r - low, c - left, start.direction_rad, start.gamma, FOLLOW_CELLS)
+            there_m = abs(start.x_m - from_m[0]) + abs(start.y_m - from_m[1])
+            ways.append(there_m + onward * CELL_M)
+        return ways
+
+    def _cell(self, x_m: float, y_m: float) -> tuple[int, int]:
+        """Column and row of a point."""
+        assert self._origin is not None  # noqa: S101 - set by the first look
+        return math.floor((x_m - self._origin[0]) / CELL_M), math.floor((y_m - self._origin[1]) / CELL_M)
 
     def _holds(self, pose: Pose) -> bool:
         assert self._origin is not None  # noqa: S101 - set by the first look
@@ -86,20 +127,6 @@ class KnownGround:
         self._cells = larger
         self._origin = (self._origin[0] - side / 2 * CELL_M, self._origin[1] - side / 2 * CELL_M)
         return True
-
-
-def _around(steps: NDArray[np.int32], row: int, column: int) -> float:
-    """Steps at a cell, or the fewest of its neighbours when no search came to the cell itself."""
-    side = len(steps)
-    best = math.inf
-    for reach in (0, 1):
-        for r in range(max(row - reach, 0), min(row + reach, side - 1) + 1):
-            for c in range(max(column - reach, 0), min(column + reach, side - 1) + 1):
-                if steps[r, c] >= 0:
-                    best = min(best, float(steps[r, c]))
-        if best < math.inf:
-            break
-    return best
 
 
 @njit(cache=True, nogil=True)
@@ -167,3 +194,59 @@ def _steps_to_unseen(cells: NDArray[np.uint8]) -> NDArray[np.int32]:
                 queue[tail] = r * side + c
                 tail += 1
     return steps
+
+
+@njit(cache=True, nogil=True)
+def _has_room(cells: NDArray[np.uint8], row: int, column: int) -> bool:
+    """Whether a cell may be flown through: not a wall, nor beside one; unseen ground may."""
+    side = cells.shape[0]
+    if not (0 < row < side - 1 and 0 < column < side - 1):
+        return False
+    for r in range(row - 1, row + 2):
+        for c in range(column - 1, column + 2):
+            if cells[r, c] == _WALL:
+                return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _follow(
+    cells: NDArray[np.uint8],
+    steps: NDArray[np.int32],
+    row: int,
+    column: int,
+    direction_rad: float,
+    gamma: int,
+    most: int,
+) -> float:
+    """Steps along a wall, hand on it, to unseen ground: the rule of the maze, toward the wall whenever that is open."""
+    side = cells.shape[0]
+    row_step, column_step = (0, 1, 0, -1), (1, 0, -1, 0)
+    # Quarter turns counter-clockwise, 0 along x: rows grow with y.
+    heading = int(np.floor(direction_rad / (np.pi / 2.0) + 0.5)) % 4
+    for k in range(4):
+        # The grid is coarse: begin at the wall, not beside it.
+        r = row + row_step[(heading + gamma) % 4] * k
+        c = column + column_step[(heading + gamma) % 4] * k
+        if not _has_room(cells, r + row_step[(heading + gamma) % 4], c + column_step[(heading + gamma) % 4]):
+            row, column = r, c
+            break
+    best = np.inf
+    for k in range(most):
+        if not (0 <= row < side and 0 <= column < side):
+            break
+        if steps[row, column] >= 0:
+            best = min(best, k + DETOUR * steps[row, column])
+            if steps[row, column] <= 1:
+                break
+        turned = False
+        for turn in (gamma, 0, -gamma, 2):
+            towards = (heading + turn) % 4
+            if _has_room(cells, row + row_step[towards], column + column_step[towards]):
+                heading = towards
+                row, column = row + row_step[towards], column + column_step[towards]
+                turned = True
+                break
+        if not turned:
+            break
+    return best

@@ -11,7 +11,7 @@ import numpy as np
 from companion.control import edges, laws
 from companion.control.edges import Edge
 from companion.control.governor import governed_speed_mps
-from companion.control.known_ground import KnownGround
+from companion.control.known_ground import KnownGround, WallFollowing
 from companion.control.parameters import Parameters
 from companion.control.tangents import TangentLedger
 from companion.model import HIT, Measurement, Mode, Pose, Scan, Setpoint, wrap_rad
@@ -29,15 +29,11 @@ STUCK_TURNS = 2.0
 LOST_WALL_S = 3.0
 """In R3 with nothing at all in view for this long there is no boundary to follow."""
 
-LOOK_BEYOND_M = 4.0
-"""How far beyond the target the boundary is taken to lead straight on: the width of a drift that opens there, so that
-the two ways have parted by then."""
-
 LOOK_PERIOD_S = 0.5
 """Time between two entries into the ground that is known to be seen."""
 
-SAME_WAY_M = 1.0
-"""Ways to unseen ground that differ by less than this, two cells, do not decide."""
+SAME_WAY_M = 2.0
+"""Ways to unseen ground that differ by less than this, four cells, do not decide."""
 
 
 class TargetKind(enum.StrEnum):
@@ -235,22 +231,26 @@ class Navigator:
                 continue
             self._ledger.decide(x_m, y_m, edge.gamma, t_s)
             self._draws += 1
-            if self._rng.random() < self._probability(edge, scan, pose):
+            if self._rng.random() < self._probability(edge, pose):
                 self._accepted += 1
                 self._pursue(edge, pose, t_s)
             else:
                 self._pause_until_s = t_s + self.parameters.pause_s
             return
 
-    def _probability(self, edge: Edge, scan: Scan, pose: Pose) -> float:
+    def _probability(self, edge: Edge, pose: Pose) -> float:
         """Probability of leaving along this tangent: p, or with frontier a preference for what is unseen."""
         p = self.parameters.tangent_probability
         if self.parameters.choice == "coin":
             return p
-        free_m = edges.free_length_m(scan, 0.0, self.parameters.critical_margin_m)
-        ahead_m = min(edge.target_range_m + LOOK_BEYOND_M, free_m)
-        ends = np.array([_world(pose, edge.target_bearing_rad, edge.target_range_m), _world(pose, 0.0, ahead_m)])
-        by_tangent_m, by_boundary_m = self._ground.way_to_unseen_m((pose.x_m, pose.y_m), ends)
+        target = _world(pose, edge.target_bearing_rad, edge.target_range_m)
+        by_tangent_m, by_boundary_m = self._ground.way_to_unseen_m(
+            (pose.x_m, pose.y_m),
+            (
+                WallFollowing(*target, pose.yaw_rad + edge.target_bearing_rad, edge.gamma),
+                WallFollowing(pose.x_m, pose.y_m, pose.yaw_rad, self._gamma),
+            ),
+        )
         if abs(by_tangent_m - by_boundary_m) < SAME_WAY_M or by_tangent_m == by_boundary_m:
             return p
         least = self.parameters.least_probability

@@ -101,7 +101,7 @@ def _slot(keys: NDArray[np.int64], key: Integer) -> int:
     # Twice, because x is in the highest bits of the key, and one product carries bits only upwards.
     mixed = key * _GOLDEN
     mixed = (mixed ^ (mixed >> 32)) * _GOLDEN
-    slot = (mixed ^ (mixed >> 32)) & mask
+    slot = int((mixed ^ (mixed >> 32)) & mask)
     while keys[slot] != key and keys[slot] != _EMPTY:
         slot = (slot + 1) & mask
     return slot

@@ -16,6 +16,7 @@ from companion.mapping.chunks import (
     SHIFT,
     WORDS,
     ChunkTable,
+    Integer,
     chunk_key,
     find_row,
     place_of,
@@ -124,7 +125,8 @@ def near_occupied(table: ChunkTable, bits: NDArray[np.uint64], points: FloatArra
     """
     near = np.zeros(points.shape[0], np.bool_)
     keys, rows = table.keys, table.rows
-    last, row = -1, -1
+    last: Integer = -1
+    row = -1
     for i in range(points.shape[0]):
         x = math.floor(points[i, 0] / voxel_m)
         y = math.floor(points[i, 1] / voxel_m)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,8 +19,9 @@ from sitl.report.splat import Camera, render
 from sitl.report.style import DPI, MISSED, MOST_IN, STRIP_IN, WIDTH_IN, add_scale_bar, picture
 
 _HEIGHT_COLOURS = LinearSegmentedColormap.from_list("rock", ["#f3e9d2", "#cdbf9f", "#8e9a92", "#4f6d7a", "#22394a"])
-_FROM_ABOVE = Camera(azimuth_rad=-np.pi / 2, elevation_rad=np.pi / 2)
-_OBLIQUE_RAD = np.deg2rad(48.0)
+_FROM_ABOVE = Camera(-math.pi / 2, math.pi / 2)
+# Turned so that the longer side of the mine runs across the picture, and never along its walls.
+_ACROSS_WIDE, _ACROSS_TALL = (Camera(math.radians(azimuth), math.radians(48.0)) for azimuth in (-62.0, -28.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,10 +39,8 @@ def map_pictures(data: ReportData) -> tuple[bytes, bytes] | None:
     if model is None:
         return None
     spread = np.ptp(model.centres_m[:, :2], axis=0)
-    azimuth = np.deg2rad(-62.0 if spread[0] >= spread[1] else -28.0)
-    cameras = (_FROM_ABOVE, Camera(float(azimuth), float(_OBLIQUE_RAD)))
-    above, oblique = (_drawn(model, data, camera) for camera in cameras)
-    return above, oblique
+    oblique = _ACROSS_WIDE if spread[0] >= spread[1] else _ACROSS_TALL
+    return _drawn(model, data, _FROM_ABOVE), _drawn(model, data, oblique)
 
 
 def _cut_model(data: ReportData) -> _Model | None:
@@ -52,8 +52,9 @@ def _cut_model(data: ReportData) -> _Model | None:
     centres = np.concatenate([occupied, missed])
     if len(centres) == 0:
         return None
-    z = occupied[:, 2] if len(occupied) > 0 else centres[:, 2]
-    heights = Normalize(float(z.min()), max(float(z.max()), float(z.min()) + data.voxel_m))
+    # A single wild voxel must not take the colours from all others.
+    low, high = np.quantile((occupied if len(occupied) > 0 else centres)[:, 2], (0.002, 0.998))
+    heights = Normalize(float(low), float(max(high, low + data.voxel_m)))
     colours = np.concatenate(
         [_HEIGHT_COLOURS(heights(occupied[:, 2]))[:, :3], np.tile(to_rgb(MISSED), (len(missed), 1))]
     )

@@ -37,8 +37,9 @@ def mine_plan(
 ) -> Plan | None:
     """The plan of a mesh, cut at the height at which the vehicles flew there; ``None`` for an empty mesh.
 
-    The cut follows slopes: its height is interpolated between the true positions ``flown_m`` (each (n, 3)). Where
-    nobody flew at all it is level, ``height_m`` above the lowest point.
+    The cut follows slopes: its height is interpolated between the true positions ``flown_m`` (each (n, 3)), so on a
+    slope where nobody flew it may miss the walls, and only ``covered`` shows the drift. If nobody flew anywhere it is
+    level, ``height_m`` above the lowest point.
     """
     if len(triangles) == 0:
         return None

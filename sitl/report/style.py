@@ -24,22 +24,22 @@ WALL = "#8a8378"
 MISSED = "#d3122a"
 
 # The colours of Okabe and Ito.
-MODE_COLOURS = {Mode.CIRCLE: "#009e73", Mode.TANGENT: "#e66100", Mode.BOUNDARY: "#0072b2", Mode.HOLD: INK}
+MODE_COLOURS = {Mode.CIRCLE: "#009e73", Mode.TANGENT: "#d55e00", Mode.BOUNDARY: "#0072b2", Mode.HOLD: INK}
 MODE_LABELS = {
     Mode.CIRCLE: "R1 turns to look",
     Mode.TANGENT: "R2 flies a tangent",
     Mode.BOUNDARY: "R3 follows a wall",
     Mode.HOLD: "hold",
 }
-VEHICLE_COLOURS = ("#0072b2", "#e66100", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", INK)
-WIDTH_IN = 10.0
-HALF_WIDTH_IN = 5.4  # two of these beside each other are as wide as the page
-STRIP_IN = 0.75  # below plans and maps, for the scale bar and the legend: nothing there can cover data
-MOST_IN = 7.2  # the greatest height of a plan or map
-
-SAFE, NEAR, CRITICAL = "#0072b2", "#e69f00", "#b3001b"
+VEHICLE_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", INK)
+SAFE, NEAR = "#0072b2", "#e69f00"
+CRITICAL = "#b3001b"
 
 DPI = 144
+WIDTH_IN = 10.0
+HALF_WIDTH_IN = 5.4  # two of these beside each other are as wide as the page
+MOST_IN = 7.2  # the greatest height of a plan or map
+STRIP_IN = 0.75  # below those, for the scale bar and the legend: nothing there can cover data
 _EDGE_IN = 0.15
 
 _RC: Any = {  # matplotlib's own type for this names every key that it has
@@ -58,7 +58,6 @@ _RC: Any = {  # matplotlib's own type for this names every key that it has
     "xtick.color": FAINT_INK,
     "ytick.color": FAINT_INK,
     "legend.frameon": False,
-    "figure.dpi": DPI,
 }
 
 
@@ -75,7 +74,7 @@ def picture(
             would take longer to resample it than it took to make.
     """
     with mpl.rc_context(_RC):
-        figure = Figure(figsize=(width_in, height_in), facecolor="white")
+        figure = Figure(figsize=(width_in, height_in), dpi=DPI, facecolor="white")
         FigureCanvasAgg(figure)
         draw(figure)
         buffer = io.BytesIO()

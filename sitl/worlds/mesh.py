@@ -53,7 +53,7 @@ def mesh_world(path: Path, start: Start | None) -> World:
     if said:
         raise InputError(f"world {path}: the file is damaged or not what its name says: {said[0]}")
     if len(vertices) == 0:
-        raise InputError(f"world {path}: the file is empty, damaged or not what its name says: no mesh can be read from it")
+        raise InputError(f"world {path}: no mesh can be read: empty, damaged or not what its name says")
     if len(triangles) == 0:
         raise InputError(f"world {path}: holds no triangles ({len(vertices)} points); a world must be a surface mesh")
     if triangles.min() < 0 or triangles.max() >= len(vertices):

@@ -41,9 +41,15 @@ def test_surfaces_are_hit_from_both_sides_and_nothing_gives_inf(caster: RayCaste
     np.testing.assert_allclose(ranges, [1.0, np.inf])
 
 
+def test_a_way_is_blocked_by_what_lies_between_its_ends(caster: RayCaster) -> None:
+    ends = np.array([[3.9, 1.0, 1.0], [4.1, 1.0, 1.0], [-9.0, 1.0, 1.0], [1.0, 1.0, 2.9]])
+    assert caster.blocked(np.array([1.0, 1.0, 1.0]), ends).tolist() == [False, True, True, False]
+
+
 def test_no_rays_give_no_ranges(caster: RayCaster) -> None:
     assert caster.cast(np.empty((0, 3)), np.empty((0, 3))).shape == (0,)
     assert caster.cast(np.empty((0, 3)), np.array([1.0, 0.0, 0.0])).shape == (0,)
+    assert caster.blocked(np.empty((0, 3)), np.empty((0, 3))).shape == (0,)
     assert caster.distance(np.empty((0, 3))).shape == (0,)
 
 

@@ -57,7 +57,7 @@ def poses(world: World, count: int, seed: int) -> list[Pose]:
     ]
 
 
-def rays_px(camera: Camera, u: NDArray[np.floating], v: NDArray[np.floating]) -> NDArray[np.float64]:
+def rays_px(camera: Camera, u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
     """Directions in the camera's frame with a forward part of 1, so that ranges are depths."""
     return np.stack([np.ones(u.shape), (camera.cx_px - u) / camera.fx_px, (camera.cy_px - v) / camera.fy_px], axis=-1)
 
@@ -71,7 +71,7 @@ def compare(caster: RayCaster, camera: Camera, pose: Pose, image: NDArray[np.flo
         so flat an angle that its depth changes that much within the pixel.
     """
     axes, place = camera_in_world(pose, camera)
-    u, v = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
+    u, v = np.meshgrid(np.arange(float(camera.width_px)), np.arange(float(camera.height_px)))
     cast = caster.cast(place, rays_px(camera, u, v).reshape(-1, 3) @ axes.T).reshape(image.shape)
     limit = np.float32(camera.max_range_m)
     rendered, cast = np.minimum(image, limit), np.minimum(cast, limit)
@@ -151,7 +151,7 @@ def test_triangles_that_reach_behind_the_camera_are_cut_and_not_dropped(gap_m: f
         pose = Pose(0.0, 5.0, gap_m, z_m, yaw_rad, roll_rad=0.2, pitch_rad=0.1)
         image = renderer.render(pose)
         axes, place = camera_in_world(pose, camera)
-        u, v = np.meshgrid(np.arange(160), np.arange(120))
+        u, v = np.meshgrid(np.arange(160.0), np.arange(120.0))
         cast = caster.cast(place, rays_px(camera, u, v).reshape(-1, 3) @ axes.T).reshape(image.shape)
         beyond = cast > 0.021
         assert beyond.mean() > 0.2

@@ -70,7 +70,7 @@ def test_any_plan_gives_a_closed_surface(seed: int) -> None:
     shell = extruded(
         *(np.arange(20.0), np.arange(30.0)),
         lambda x, y: plan[x.astype(int), y.astype(int)],
-        *(lambda x, y: 0.1 * x, lambda x, y: 2.0 + 0.1 * y),
+        *(np.add, lambda x, y: 2.0 + 0.1 * (x - y) ** 2),
         wall_strips=3,
     )
     assert open_edges(shell.triangles) == 0
@@ -165,11 +165,12 @@ def test_a_random_mine_hangs_together_and_is_nowhere_too_narrow_or_low(seed: int
 
     bearings = np.arange(36) * (np.pi / 36)
     fan = np.stack([np.cos(bearings), np.sin(bearings), np.zeros(36)], axis=1)
-    every = np.repeat(floor + 1.2 * _UP, 36, axis=0)
-    clear = caster.cast(every, np.tile(fan, (len(floor), 1))) + caster.cast(every, np.tile(-fan, (len(floor), 1)))
+    middle = floor[::2] + 1.2 * _UP
+    every = np.repeat(middle, 36, axis=0)
+    clear = caster.cast(every, np.tile(fan, (len(middle), 1))) + caster.cast(every, np.tile(-fan, (len(middle), 1)))
     assert clear.min() >= 2.8
     below, above = heights_m(spec, floor + 1.2 * _UP)
-    assert 2.8 - 0.3 <= (below + above).min()
+    assert (below + above).min() >= 2.8 - 0.3
     assert (below + above).max() <= 3.6 + 0.3
 
 

@@ -1,7 +1,7 @@
 """OctoMap's binary tree: free and occupied, with eight equal children drawn together into their parent.
 
-The tree is built from its leaves upwards, one level at a time, and a node is known by its Morton code: its parent's code
-is the same without the last three bits. The file holds 16 bits for each inner node, two for each child, depth first.
+The tree is built from its leaves upwards, one level at a time, and a node is known by its Morton code, from which the
+last three bits are taken for its parent's. The file holds 16 bits for each inner node, two for each child, depth first.
 """
 
 from __future__ import annotations
