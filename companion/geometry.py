@@ -46,4 +46,4 @@ def pixel_tangents(camera: Camera, pool: int = 1) -> tuple[NDArray[np.float64], 
     """
     u = (np.arange(camera.width_px // pool) + 0.5) * pool - 0.5
     v = (np.arange(camera.height_px // pool) + 0.5) * pool - 0.5
-    return (camera.cx_px - u) / camera.fx_px, (camera.cy_px - v) / camera.fy_px
+    return np.asarray((camera.cx_px - u) / camera.fx_px), np.asarray((camera.cy_px - v) / camera.fy_px)

@@ -180,6 +180,8 @@ def _rendered(
                 (seen[c, 0], seen[c, 1], seen[c, 2]),
                 lens,
             )
+            if not np.isfinite(at_zero):  # seen exactly edge-on, or a line or a point to begin with
+                continue
             low, high = np.float32(1.0 / farthest), np.float32(1.0 / max(nearest, NEAR_M))
             for k in range(1, count - 1):
                 _fill(
@@ -282,12 +284,13 @@ def _inverse_depth(
     """1/depth over the pixels of the plane through three points: growth along u, growth along v, value at (0, 0).
 
     From the plane itself and not from its corners' pixels, so that thin and clipped triangles are as exact as others.
+    Not finite if the camera lies in the plane.
     """
     fx, fy, cx, cy = lens
     e0, e1, e2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     f0, f1, f2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     n0, n1, n2 = e1 * f2 - e2 * f1, e2 * f0 - e0 * f2, e0 * f1 - e1 * f0
-    distance = n0 * a[0] + n1 * a[1] + n2 * a[2]  # 0 only edge-on, where the triangle covers nothing
+    distance = n0 * a[0] + n1 * a[1] + n2 * a[2]
     along_u, along_v = -n1 / (fx * distance), -n2 / (fy * distance)
     return along_u, along_v, n0 / distance - along_u * cx - along_v * cy
 
@@ -339,4 +342,4 @@ def _fill(
         row, column = np.uint32(v), np.uint32(first)  # a signed index might count from the end, which costs the vectors
         for k in range(last - first + 1):
             value = min(max(begin + step * np.float32(k), low), high)
-            inverse[row, column + np.uint32(k)] = max(value, inverse[row, column + np.uint32(k)])
+            inverse[row, column + np.uint32(k)] = max(inverse[row, column + np.uint32(k)], value)

@@ -131,7 +131,8 @@ def traveling_surface(
     origin = np.asarray(start_xyz, dtype=np.float64)
     ground = origin[2] - caster.cast(origin, _DOWN)[0]
     wave = np.array([[origin[0], origin[1], ground + height_m]])
-    if not np.isfinite(ground) or not _has_room(caster, wave, margin_m if start_margin_m is None else start_margin_m):
+    needed_m = margin_m if start_margin_m is None else start_margin_m
+    if not np.isfinite(ground) or caster.blocked(origin, wave) or not _has_room(caster, wave, needed_m):
         return np.empty((0, 3))
 
     cells = np.zeros((1, 2), dtype=np.int64)
@@ -204,7 +205,7 @@ def horizontal_clearance(caster: RayCaster, points: Array, half_height_m: float,
         middle = np.asarray(points[begin : begin + _BATCH], dtype=np.float64)
         least = _fan_ranges(caster, middle, bearings).min(axis=1)
         for way in (_DOWN, _UP):
-            reach_m = np.minimum(half_height_m, caster.cast(middle, np.broadcast_to(way, middle.shape)) - _STOP_M)
+            reach_m = np.minimum(half_height_m, caster.cast(middle, way) - _STOP_M)
             rim = middle + way * np.maximum(reach_m, 0.0)[:, None]
             least = np.minimum(least, _fan_ranges(caster, rim, bearings).min(axis=1))
         clearances.append(least)
@@ -281,9 +282,7 @@ def _grouped(cells: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.in
     return order, np.flatnonzero(np.diff(keys[order], prepend=-1))
 
 
-def visible_samples(
-    caster: RayCaster, samples: Points, surface_points: Array, max_range_m: float, looks: int = _LOOKS
-) -> NDArray[np.bool_]:
+def visible_samples(caster: RayCaster, samples: Points, surface_points: Array, max_range_m: float) -> NDArray[np.bool_]:
     """Which samples can be seen from the traveling surface, looking in all directions out to ``max_range_m``.
 
     Args:
@@ -291,10 +290,9 @@ def visible_samples(
         samples: (n, 3) points on the world's surface.
         surface_points: (k, 3) points of S.
         max_range_m: how far the camera sees.
-        looks: from how many points of S a sample is looked at before it counts as hidden.
 
     Returns:
-        (n,) bool.
+        (n,) bool. Each sample is looked at from some points of S only; at most 2 in 1000 visible ones are lost by that.
     """
     visible = np.zeros(len(samples), dtype=bool)
     if len(samples) == 0 or len(surface_points) == 0:
@@ -303,10 +301,10 @@ def visible_samples(
     group = np.empty(len(samples), dtype=np.int64)
     group[order] = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(order)))
     centres = (np.floor(samples[order[starts]] / _GROUP_M) + 0.5) * _GROUP_M
-    viewpoints = _viewpoints(centres, surface_points, max_range_m + _GROUP_M, looks)
+    viewpoints = _viewpoints(centres, surface_points, max_range_m + _GROUP_M)
 
     hidden = np.arange(len(samples))
-    for look in range(looks):
+    for look in range(_LOOKS):
         tried = hidden[viewpoints[group[hidden], look] >= 0]
         source = viewpoints[group[tried], look]
         ways = samples[tried] - surface_points[source]
@@ -316,23 +314,23 @@ def visible_samples(
         ends = samples[tried] - ways[near] * np.minimum(_STOP_M / lengths_m[near], 1.0)[:, None]
         visible[tried[~caster.blocked(surface_points[source], ends)]] = True
         hidden = hidden[~visible[hidden]]
-        if look == _FIRST_LOOKS:  # where nothing was seen from so many points, there is rock between: do not go on
+        if look + 1 == _FIRST_LOOKS:  # where nothing was seen from so many points, there is rock between: do not go on
             hopeful = np.zeros(len(starts), dtype=bool)
             hopeful[group[visible]] = True
             hidden = hidden[hopeful[group[hidden]]]
     return visible
 
 
-def _viewpoints(centres: Array, surface_points: Array, range_m: float, looks: int) -> NDArray[np.int64]:
+def _viewpoints(centres: Array, surface_points: Array, range_m: float) -> NDArray[np.int64]:
     """For each centre (g, 3) the points of S within range that are tried: the nearest, then evenly by distance.
 
     Returns:
-        (g, looks) indices into ``surface_points`` in the order of trying, so that any number of the first ones is
+        (g, `_LOOKS`) indices into ``surface_points`` in the order of trying, so that any number of the first ones is
         spread over all distances; -1 where there is none.
     """
-    spread_order = _NEAREST + np.argsort(np.arange(looks - _NEAREST) * 0.6180339887498949 % 1.0)
-    trying = np.concatenate([np.arange(_NEAREST), spread_order])
-    chosen = np.full((len(centres), looks), -1)
+    further = _NEAREST + np.argsort(np.arange(_LOOKS - _NEAREST) * 0.6180339887498949 % 1.0)
+    trying = np.concatenate([np.arange(_NEAREST), further])
+    chosen = np.full((len(centres), _LOOKS), -1)
     blocks = np.floor(centres / range_m).astype(np.int64)
     order, starts = _grouped(blocks)
     for members in np.split(order, starts[1:]):
@@ -343,9 +341,9 @@ def _viewpoints(centres: Array, surface_points: Array, range_m: float, looks: in
         distances = np.linalg.norm(centres[members, None] - surface_points[near], axis=2)
         by_distance = np.argsort(distances, axis=1, kind="stable")
         count = np.sum(distances <= range_m, axis=1)[:, None]
-        rank = np.arange(looks)[None]
-        spread = _NEAREST + (rank - _NEAREST) * (count - _NEAREST) // (looks - _NEAREST)
-        rank = np.where((rank < _NEAREST) | (count <= looks), rank, spread)
+        rank = np.arange(_LOOKS)[None]
+        spread = _NEAREST + (rank - _NEAREST) * (count - _NEAREST) // (_LOOKS - _NEAREST)
+        rank = np.where((rank < _NEAREST) | (count <= _LOOKS), rank, spread)
         picked = near[np.take_along_axis(by_distance, np.minimum(rank, len(near) - 1), axis=1)]
         chosen[members] = np.where(rank < count, picked, -1)[:, trying]
     return chosen

@@ -14,8 +14,11 @@ class GovernorSettings(Section):
 
     reaction_s: float = Field(0.4, ge=0.0, le=3.0, description="time from seeing an obstacle to braking, in s")
     brake_mps2: float = Field(0.8, gt=0.0, le=10.0, description="deceleration that the vehicle surely reaches, in m/s²")
+    turn_share: float = Field(
+        0.6, gt=0.0, le=1.0, description="share of the largest yaw rate that is counted on to turn away from a wall"
+    )
     side_margin_m: float = Field(
-        0.15, ge=0.0, le=1.0, description="how far inside d_s a turn may swing before the vehicle slows, in m"
+        0.1, ge=0.0, le=1.0, description="how far inside d_s a turn may swing before the vehicle slows, in m"
     )
     least_speed_mps: float = Field(
         0.05, gt=0.0, le=0.5, description="slowest forward speed while there is still room, in m/s"
@@ -63,7 +66,7 @@ class ControlSettings(Section):
         "smooth", description="paper: sgn as printed in (7); smooth: a saturation in its place (boundary layer)"
     )
     boundary_layer_mps: float = Field(
-        0.2, gt=0.0, le=5.0, description="smooth law in R3: full yaw rate from this sliding variable on, in m/s (ε)"
+        0.12, gt=0.0, le=5.0, description="smooth law in R3: full yaw rate from this sliding variable on, in m/s (ε)"
     )
     boundary_layer_rad: float = Field(
         0.4, gt=0.0, le=3.0, description="smooth law in R2: full yaw rate from this bearing of the target on, in rad"

@@ -36,6 +36,13 @@ SAME_WAY_M = 2.0
 """Ways to unseen ground that differ by less than this, four cells, do not decide."""
 
 
+LAP_M = 6.0
+"""A closed boundary is longer than this: shorter ones are turns on the spot, which have a rule of their own."""
+
+LAP_CLOSED_M, LAP_CLOSED_RAD = 1.0, math.radians(60.0)
+"""The vehicle has come round when it is as near as this to where it began to follow, heading the same way."""
+
+
 class TargetKind(enum.StrEnum):
     """Why the vehicle flies to a target in R2."""
 
@@ -44,7 +51,7 @@ class TargetKind(enum.StrEnum):
     WALL = "wall"
     """Our extension: after a full turn in R1 without a tangent, the d_s-offset of the nearest wall."""
     OPEN = "open"
-    """Our extension: out of a place without room, or away from where nothing is in view."""
+    """Our extension: out of a place without room, away from a boundary followed once round, or where nothing is near."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +105,9 @@ class Navigator:
         self._last_yaw_rad: float | None = None
         self._anchor = (math.inf, math.inf)
         self._boundary_seen_s = -math.inf
+        self._lap_start: Pose | None = None
+        self._lap_m = 0.0
+        self._last_pose: Pose | None = None
         self._holding = False
         self._draws = 0
         self._accepted = 0
@@ -221,6 +231,9 @@ class Navigator:
         elif abs(self._turned_rad) > STUCK_TURNS * 2.0 * math.pi:
             self._escape(scan, pose, t_s)
             return
+        if self._has_come_round(pose) and self._rng.random() < self._lap_probability():
+            self._escape(scan, pose, t_s)
+            return
         for edge in edges.find_edges(scan, self.parameters):
             x_m, y_m = _world(pose, edge.near_bearing_rad, edge.near_range_m)
             if self._ledger.seen_before(x_m, y_m, edge.gamma, t_s) or t_s < self._pause_until_s:
@@ -237,6 +250,29 @@ class Navigator:
             else:
                 self._pause_until_s = t_s + self.parameters.pause_s
             return
+
+    def _has_come_round(self, pose: Pose) -> bool:
+        """Whether the boundary has been followed once round since R3 began, or since the last such lap.
+
+        Our extension: a boundary that meets no tangent would be followed for ever, always the same way round, and what
+        the camera sees only in the other direction never comes into view. So a whole lap is a decision as well.
+        """
+        if self._lap_start is None or self._last_pose is None:
+            self._lap_start, self._lap_m = pose, 0.0
+        else:
+            self._lap_m += math.hypot(pose.x_m - self._last_pose.x_m, pose.y_m - self._last_pose.y_m)
+        self._last_pose = pose
+        apart_m = math.hypot(pose.x_m - self._lap_start.x_m, pose.y_m - self._lap_start.y_m)
+        turned_rad = abs(wrap_rad(pose.yaw_rad - self._lap_start.yaw_rad))
+        if self._lap_m < LAP_M or apart_m > LAP_CLOSED_M or turned_rad > LAP_CLOSED_RAD:
+            return False
+        self._lap_start, self._lap_m = pose, 0.0
+        return True
+
+    def _lap_probability(self) -> float:
+        """A lap without a tangent taken has nothing new ahead: p, or with frontier the most that p_min leaves."""
+        parameters = self.parameters
+        return parameters.tangent_probability if parameters.choice == "coin" else 1.0 - parameters.least_probability
 
     def _probability(self, edge: Edge, pose: Pose) -> float:
         """Probability of leaving along this tangent: p, or with frontier a preference for what is unseen."""
@@ -309,6 +345,7 @@ class Navigator:
         self._turned_rad = 0.0
         self._anchor = (pose.x_m, pose.y_m)
         self._boundary_seen_s = t_s
+        self._lap_start = None
         if mode is not Mode.TANGENT:
             self._target = None
         if mode is Mode.CIRCLE:

@@ -13,6 +13,7 @@ class Governor:
     reaction_s: float
     brake_mps2: float
     side_margin_m: float
+    turn_share: float
     least_speed_mps: float
 
 

@@ -1,7 +1,7 @@
 """Second pass over a frame: which voxels of a chunk the camera looked through.
 
-Blocks of voxels are judged as a whole before their voxels are: a chunk, its eighths, and the eighths of these. A block
-behind the surface or outside the image is left alone, one that is clear everywhere needs no look at its voxels.
+Blocks of voxels are judged as a whole before their voxels are: a chunk, and then its eighths, which are cubes of 8. A
+block behind the surface or outside the image is left alone, one that is clear everywhere needs no look at its voxels.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ UNSEEN, CLEAR, MIXED = 0, 1, 2
 """What is known of all the voxels of a block: none is looked through; all are; neither is sure."""
 
 _NEARLY_ZERO_M = 1e-6
+
+_CUBE_VOLUME = 8**3
 
 _ALL = np.uint64(0xFFFFFFFFFFFFFFFF)
 
@@ -68,14 +70,14 @@ def judge(clear: ClearDepth, p: Projection, i: int, j: int, k: int, edge: int) -
 
 
 class Cube(NamedTuple):
-    """The 64 voxels of a cube of 4 in Morton order: where they are from its lowest one, and room to work in.
+    """The 512 voxels of a cube of 8 in Morton order: where they are from its lowest one, and room to work in.
 
     Attributes:
-        depth_m: (64,) float64, added to the depth of the lowest voxel.
-        right: (64,) float64, the same for depth times (u - cx).
-        down: (64,) float64, the same for depth times (v - cy).
-        pixels: (64,) int32, the pixel that each voxel was last projected to, counted row by row.
-        depths_m: (64,) float32, its depth then; infinite outside the image.
+        depth_m: (512,) float64, added to the depth of the lowest voxel.
+        right: (512,) float64, the same for depth times (u - cx).
+        down: (512,) float64, the same for depth times (v - cy).
+        pixels: (512,) int32, the pixel that each voxel was last projected to, counted row by row.
+        depths_m: (512,) float32, its depth then; infinite outside the image.
     """
 
     depth_m: NDArray[np.float64]
@@ -87,14 +89,14 @@ class Cube(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def cube_of(p: Projection) -> Cube:
-    """The cube of 4 as one camera position sees it."""
-    x, y, z = OFFSETS[:64, 0], OFFSETS[:64, 1], OFFSETS[:64, 2]
+    """The cube of 8 as one camera position sees it."""
+    x, y, z = OFFSETS[:_CUBE_VOLUME, 0], OFFSETS[:_CUBE_VOLUME, 1], OFFSETS[:_CUBE_VOLUME, 2]
     return Cube(
         x * p.depth_i + y * p.depth_j + z * p.depth_k,
         x * p.right_i + y * p.right_j + z * p.right_k,
         x * p.down_i + y * p.down_j + z * p.down_k,
-        np.empty(64, np.int32),
-        np.empty(64, np.float32),
+        np.empty(_CUBE_VOLUME, np.int32),
+        np.empty(_CUBE_VOLUME, np.float32),
     )
 
 
@@ -120,14 +122,11 @@ def carve_chunk(
     for eighth in range(8):
         x, y, z = i + 8 * (eighth & 1), j + 4 * (eighth & 2), k + 2 * (eighth & 4)
         judged = judge(clear, p, x, y, z, EDGE // 2)
-        if judged == UNSEEN:
-            continue
-        for part in range(8):
-            if judged == CLEAR:
-                seen[8 * eighth + part] = _ALL
-            else:
-                _project(p, cube, x + 4 * (part & 1), y + 2 * (part & 2), z + (part & 4))
-                seen[8 * eighth + part] = _looked_through(clear.depth_m, cube.pixels, cube.depths_m)
+        if judged == CLEAR:
+            seen[8 * eighth : 8 * eighth + 8] = _ALL
+        elif judged == MIXED:
+            _project(p, cube, x, y, z)
+            _compare(clear, cube, seen, 8 * eighth)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -138,7 +137,7 @@ def _project(p: Projection, cube: Cube, i: int, j: int, k: int) -> None:
     down_0 = p.down_0 + i * p.down_i + j * p.down_j + k * p.down_k
     offset_m, right, down, pixels, depths_m = cube
     edge_u, edge_v, width, height = p.edge_u, p.edge_v, p.width, p.height
-    for n in range(64):
+    for n in range(_CUBE_VOLUME):
         depth = depth_0 + offset_m[n]
         scale = 1.0 / depth
         u, v = edge_u + (right_0 + right[n]) * scale, edge_v + (down_0 + down[n]) * scale
@@ -148,11 +147,11 @@ def _project(p: Projection, cube: Cube, i: int, j: int, k: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _looked_through(
-    clear_m: NDArray[np.float32], pixels: NDArray[np.int32], depths_m: NDArray[np.float32]
-) -> np.uint64:
-    """One bit for each of 64 voxels: whether its pixel is clear beyond it."""
-    bits = np.uint64(0)
-    for n in range(64):
-        bits |= np.uint64(depths_m[n] < clear_m[pixels[n]]) << np.uint64(n)
-    return bits
+def _compare(clear: ClearDepth, cube: Cube, seen: NDArray[np.uint64], word: int) -> None:
+    """Fill in the eight words of the cube from ``word`` on: whether each voxel's pixel is clear beyond it."""
+    clear_m, pixels, depths_m = clear.depth_m, cube.pixels, cube.depths_m
+    for part in range(8):
+        bits = np.uint64(0)
+        for n in range(64):
+            bits |= np.uint64(depths_m[64 * part + n] < clear_m[pixels[64 * part + n]]) << np.uint64(n)
+        seen[word + part] = bits

@@ -33,6 +33,9 @@ FRONT_RAD = math.radians(135.0)
 POSE_STALE_S = 0.3
 """A pose older than this is missing: at 0.5 m/s the vehicle is 15 cm from where it says."""
 
+NEAREST_NOISE_M, NEAREST_SPREAD_RAD = 0.05, math.radians(35.0)
+"""Points this much further than the nearest, and no further round than this, are taken for as near as it."""
+
 _SIDEWAYS = {Beam.FRONT: 0.0, Beam.LEFT: math.pi / 2.0, Beam.BACK: -math.pi, Beam.RIGHT: -math.pi / 2.0}
 
 
@@ -225,11 +228,33 @@ def _carry(
 
 def _nearest(scan: Scan, within_rad: float) -> tuple[float | None, float | None]:
     """Range and bearing of the nearest HIT within that bearing of the heading; None, None when there is none."""
-    ranges = np.where((scan.state == HIT) & (np.abs(scan.bearings_rad) <= within_rad), scan.ranges_m, np.inf)
-    nearest = int(np.argmin(ranges))
-    if not np.isfinite(ranges[nearest]):
-        return None, None
-    return float(ranges[nearest]), float(scan.bearings_rad[nearest])
+    range_m, bearing_rad = _nearest_of(scan.bearings_rad, scan.ranges_m, scan.state, within_rad)
+    return (float(range_m), float(bearing_rad)) if np.isfinite(range_m) else (None, None)
+
+
+@njit(cache=True, nogil=True)
+def _nearest_of(
+    bearings: FloatArray, ranges: FloatArray, state: NDArray[np.uint8], within_rad: float
+) -> tuple[float, float]:
+    """The least range, and the middle of the bearings about it that are as near but for noise.
+
+    Along a flat wall the range hardly changes about its foot: 2 cm of noise move the nearest single bearing by 11°, and
+    with it the sign of ḋ.
+    """
+    nearest = -1
+    for i in range(bearings.size):
+        if state[i] == HIT and abs(bearings[i]) <= within_rad and (nearest < 0 or ranges[i] < ranges[nearest]):
+            nearest = i
+    if nearest < 0:
+        return np.inf, 0.0
+    total, count = 0.0, 0
+    for i in range(bearings.size):
+        off = (bearings[i] - bearings[nearest] + np.pi) % (2.0 * np.pi) - np.pi
+        if state[i] == HIT and abs(off) < NEAREST_SPREAD_RAD and ranges[i] <= ranges[nearest] + NEAREST_NOISE_M:
+            total += off
+            count += 1
+    middle = bearings[nearest] + total / count
+    return ranges[nearest], (middle + np.pi) % (2.0 * np.pi) - np.pi
 
 
 def _closing(pose: Pose, bearing_rad: float) -> float:

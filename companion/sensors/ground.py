@@ -19,6 +19,17 @@ FIRST_SEEN_MARGIN = 0.02
 """The ground counts as in view when its elevation (a tangent) is this far above the lower edge of the image."""
 
 
+LEVEL_M = 0.25
+"""Height of one level of the histogram that tells a wall from the ground in front of it."""
+
+WALL_FROM, WALL_TO = 0.4, 1.1
+"""Points between these shares of h above the ground of a cell stand on a wall: ground that can be flown over does not
+rise that much within a cell."""
+
+WALL_POINTS = 4
+"""As many of them end the ground: beyond a wall there is none, and its upper part must not be taken for a ramp."""
+
+
 @njit(cache=True, nogil=True)
 def ground_profiles(
     depth: NDArray[np.float32],
@@ -34,8 +45,8 @@ def ground_profiles(
     """Ground height relative to the vehicle, by sector of the image and distance.
 
     Walks outward from the point below the vehicle, where the ground is h below, and accepts the lowest surface of each
-    cell as ground when the slope to it is possible. A wall has its foot on the ground, so it does no harm; where the
-    lower edge of the image cuts the foot off, and where nothing is seen, the last known height is kept.
+    cell as ground when the slope to it is possible. The ground ends at a wall; where the lower edge of the image cuts
+    it off, and where nothing is seen, the last known height is kept.
 
     Args:
         depth: (height, width) depth along the optical axis, NaN where not measured.
@@ -57,13 +68,17 @@ def ground_profiles(
     low = np.full((SECTORS, cells), np.inf)
     low_at = np.zeros((SECTORS, cells))
     second = np.full((SECTORS, cells), np.inf)
+    rise_m = max_slope * max_range_m
+    levels = int((2.0 * h_m + 2.0 * rise_m) / LEVEL_M) + 1
+    points = np.zeros((SECTORS, cells, levels), np.int32)
     for v in range(height):
         for u in range(width):
             z = depth[v, u]
             if not (z >= min_range_m and z < max_range_m):
                 continue
             below = offset_m[2] + z * (to_level[2, 0] + to_level[2, 1] * left[u] + to_level[2, 2] * up[v])
-            if below > 0.0:
+            level = int((below + h_m + rise_m) / LEVEL_M)
+            if level < 0 or level >= levels:
                 continue
             x = offset_m[0] + z * (to_level[0, 0] + to_level[0, 1] * left[u] + to_level[0, 2] * up[v])
             y = offset_m[1] + z * (to_level[1, 0] + to_level[1, 1] * left[u] + to_level[1, 2] * up[v])
@@ -72,7 +87,10 @@ def ground_profiles(
             if cell >= cells:
                 continue
             sector = u * SECTORS // width
-            # The second lowest, so that one stray pixel does not make a hole.
+            points[sector, cell, level] += 1
+            # The second lowest, so that one stray pixel does not make a hole. Nothing above the vehicle is ground.
+            if below > 0.0:
+                continue
             if below < low[sector, cell]:
                 second[sector, cell] = low[sector, cell]
                 low[sector, cell] = below
@@ -88,9 +106,12 @@ def ground_profiles(
         bz = to_level[2, 0] + to_level[2, 1] * left[u] + to_level[2, 2] * up[height - 1]
         lowest_tangent = bz / max(np.sqrt(bx * bx + by * by), 1e-6)
         known_at, known = 0.0, -h_m
+        walled = False
         for c in range(cells):
             at = (c + 0.5) * STEP_M
             profile[s, c] = known
+            if walled:
+                continue
             in_view = known >= (lowest_tangent + FIRST_SEEN_MARGIN) * at
             if not in_view or second[s, c] == np.inf:
                 continue
@@ -106,6 +127,10 @@ def ground_profiles(
                 known_at, known = low_at[s, c], second[s, c]
                 if abs(2 * s + 1 - SECTORS) <= 1:
                     seen_ahead += 1
+            # Judged from the ground of this very cell: on a ramp that of the last one may lie far below.
+            first_level = int((known + WALL_FROM * h_m + h_m + rise_m) / LEVEL_M)
+            last_level = int((known + WALL_TO * h_m + h_m + rise_m) / LEVEL_M)
+            walled = points[s, c, max(first_level, 0) : max(last_level, 0)].sum() >= WALL_POINTS
     return profile, seen_ahead
 
 
@@ -116,7 +141,7 @@ def ground_at(profile: NDArray[np.float64], sector: int, distance_m: float, h_m:
     place = distance_m / STEP_M - 0.5
     if place <= 0.0:
         share = (place + 0.5) / 0.5
-        return -h_m + (profile[sector, 0] + h_m) * share
+        return float(-h_m + (profile[sector, 0] + h_m) * share)
     cell = int(place)
     if cell >= cells - 1:
         return float(profile[sector, cells - 1])

@@ -35,4 +35,4 @@ class Look:
 
 def bin_bearings(bins: int) -> FloatArray:
     """Centres of ``bins`` even bearings over [-π, π)."""
-    return -np.pi + (np.arange(bins) + 0.5) * (2.0 * np.pi / bins)
+    return np.asarray(-np.pi + (np.arange(bins) + 0.5) * (2.0 * np.pi / bins), np.float64)

@@ -77,7 +77,7 @@ def to_world(cam: Camera, at: Pose, points_m: FloatArray) -> FloatArray:
     on_body = turned(turned(points_m, 1, cam.mount_pitch_rad), 2, cam.mount_yaw_rad)
     on_body = on_body + np.array([cam.mount_x_m, cam.mount_y_m, cam.mount_z_m])
     level = turned(turned(on_body, 0, at.roll_rad), 1, at.pitch_rad)
-    return turned(level, 2, at.yaw_rad) + np.array([at.x_m, at.y_m, at.z_m])
+    return np.asarray(turned(level, 2, at.yaw_rad) + np.array([at.x_m, at.y_m, at.z_m]))
 
 
 def rays(cam: Camera) -> FloatArray:
@@ -91,10 +91,9 @@ def room_depth(cam: Camera, at: Pose, low_m: FloatArray, high_m: FloatArray) -> 
     origin = to_world(cam, at, np.zeros(3))
     directions = to_world(cam, at, rays(cam)) - origin
     with np.errstate(divide="ignore"):
-        ahead = np.where(directions > 0.0, (high_m - origin) / directions, (low_m - origin) / directions)
+        ahead: FloatArray = np.where(directions > 0.0, (high_m - origin) / directions, (low_m - origin) / directions)
     # Along the ray at depth 1 the parameter is the depth itself.
-    depth: FloatArray = ahead.min(axis=-1)
-    return depth
+    return np.asarray(ahead.min(axis=-1))
 
 
 def contents(voxels: VoxelMap | MapSnapshot) -> dict[tuple[int, ...], bytes]:

@@ -46,8 +46,8 @@ def test_the_defaults_see_a_noisy_tunnel() -> None:
     """Protects the choice of the sensor model: noise of 0.002 z², 2 % dropouts, pose noise of 1 cm and 0.2°.
 
     Completeness must pass 99 %, which ends a flight (METHOD, t_f), of what is seen well: at 3 m and nearer. Precision
-    must stay above 95 %: at 6 m 17 % of the readings are more than a voxel off (7.2 cm standard deviation), and OctoMap's
-    probabilities let through so many of them that it drops to 90 %.
+    must stay above 95 %: at 6 m 17 % of the readings are more than a voxel off (7.2 cm standard deviation), and with
+    OctoMap's probabilities it drops to 90 % (see `MapSettings`).
     """
     low, high = np.array([-1.53, -2.04, -0.02]), np.array([12.07, 2.06, 3.03])
     cam = camera(160, 120)
@@ -75,5 +75,5 @@ def test_the_defaults_see_a_noisy_tunnel() -> None:
     outwards = np.linalg.norm(np.maximum(np.maximum(low - occupied, occupied - high), 0.0), axis=1)
     off_m = np.where(inwards >= 0.0, inwards, outwards)
     assert precision(off_m, voxels.voxel_m) >= 0.95
-    # The centre of a voxel that a plane crosses is on average a quarter of a voxel off it: 2.5 cm, and noise adds to it.
+    # The centre of a voxel that a plane crosses is on average a quarter of a voxel off it: 2.5 cm. Noise adds to it.
     assert 0.02 < accuracy_m(off_m) < 0.05

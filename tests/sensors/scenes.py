@@ -55,9 +55,7 @@ def wall_beside(y_m: float) -> Surface:
     return Surface((0.0, y_m, 0.0), (0.0, 1.0, 0.0))
 
 
-def board(
-    x_m: float, y_m: float, width_m: float, low_m: float = -math.inf, high_m: float = math.inf
-) -> Surface:
+def board(x_m: float, y_m: float, width_m: float, low_m: float = -math.inf, high_m: float = math.inf) -> Surface:
     """A thin board across the way, seen from in front: a pole when it is narrow, a beam when it is flat."""
 
     def within(points_m: Array) -> NDArray[np.bool_]:
@@ -97,9 +95,7 @@ def turned(yaw_rad: float, pitch_rad: float, roll_rad: float) -> Array:
 def render(surfaces: Iterable[Surface], camera: Camera, pose: Pose) -> NDArray[np.float32]:
     """The (height, width) depth along the optical axis; inf where nothing is, NaN nearer than the camera measures."""
     u, v = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
-    rays = np.stack(
-        [np.ones(u.shape), -(u - camera.cx_px) / camera.fx_px, -(v - camera.cy_px) / camera.fy_px], axis=-1
-    )
+    rays = np.stack([np.ones(u.shape), -(u - camera.cx_px) / camera.fx_px, -(v - camera.cy_px) / camera.fy_px], axis=-1)
     body = turned(pose.yaw_rad, pose.pitch_rad, pose.roll_rad)
     eye = np.array([pose.x_m, pose.y_m, pose.z_m]) + body @ [camera.mount_x_m, camera.mount_y_m, camera.mount_z_m]
     ways = rays @ (body @ turned(camera.mount_yaw_rad, camera.mount_pitch_rad, 0.0)).T
@@ -125,6 +121,13 @@ def frame(surfaces: Iterable[Surface], pose: Pose = AT_START, camera: Camera = C
 def tilted(pitch_deg: float, roll_deg: float) -> Pose:
     """At the start, with the nose down by ``pitch_deg`` and the left side up by ``roll_deg``."""
     return replace(AT_START, pitch_rad=math.radians(pitch_deg), roll_rad=math.radians(roll_deg))
+
+
+def between(low_deg: float, high_deg: float) -> NDArray[np.bool_]:
+    """The bins of a scan whose middles lie between two bearings."""
+    bearings_deg = np.degrees(bin_bearings(BINS))
+    inside: NDArray[np.bool_] = (bearings_deg > low_deg) & (bearings_deg < high_deg)
+    return inside
 
 
 def hit_points(look: Look) -> Array:

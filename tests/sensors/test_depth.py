@@ -26,6 +26,7 @@ from tests.sensors.scenes import (
     H_M,
     ROOF,
     Surface,
+    between,
     board,
     frame,
     hit_points,
@@ -45,7 +46,7 @@ HALF_BIN_RAD = math.pi / BINS
 EXACT_M = 1e-3
 """Depths are float32, 1e-6 of 10 m; nothing else is rounded."""
 
-IN_VIEW = np.abs(BEARINGS) < math.radians(40.0)
+IN_VIEW = between(-40.0, 40.0)
 """The camera sees 43° to each side; roll by 10° turns its corners, and the bins at its edge hold half a bin."""
 
 TILTS = list(itertools.product((-10.0, 0.0, 10.0), repeat=2))
@@ -91,9 +92,7 @@ class TestWalls:
 
     @pytest.mark.parametrize(("pitch_deg", "roll_deg"), TILTS)
     @pytest.mark.parametrize("x_m", [1.0, 2.0, 4.0, 7.0])
-    def test_a_wall_ahead_is_at_its_distance_in_every_bin(
-        self, x_m: float, pitch_deg: float, roll_deg: float
-    ) -> None:
+    def test_a_wall_ahead_is_at_its_distance_in_every_bin(self, x_m: float, pitch_deg: float, roll_deg: float) -> None:
         """Protects range, bearing and tilt compensation of the one thing that must never be missed."""
         seen = look(frame([FLOOR, ROOF, wall_ahead(x_m)], tilted(pitch_deg, roll_deg)))
         assert_on_walls(seen, IN_VIEW, distance_ahead(x_m))
@@ -174,14 +173,15 @@ class TestGround:
         pose = replace(AT_START, z_m=H_M + max(0.0, -starts_at_m) * slope_here)
         image = frame(ramp(starts_at_m, slope_here), pose)
         # The side walls, 2 m away, are further than the camera's 10 m within this bearing.
-        ahead = np.abs(BEARINGS) < math.radians(10.0)
+        ahead = between(-10.0, 10.0)
         seen = look(image)
         assert (seen.state[ahead] != UNKNOWN).all()
         assert (seen.ranges_m[ahead] > 9.0).all()
         if starts_at_m < 4.0:  # at 4 m the tolerance of the walk is enough to get onto the ramp
             on_plane = look(image, FLAT_SLAB)
             assert (on_plane.state[ahead] == HIT).all()
-            # The plane is met where the floor, or the roof, is half a slab away: this far from the bend.
+            # The plane is met where the floor, or the roof, is half a slab away: this far from the bend, and one row of
+            # pixels further, 0.5° of a surface that is seen at 17° or more.
             met_m = max(0.0, starts_at_m) + (H_M - FLAT_SLAB.half_height_m) / rise
             assert (np.abs(on_plane.ranges_m[ahead] * np.cos(BEARINGS[ahead]) - met_m) < 0.3).all()
 
@@ -282,7 +282,7 @@ class TestFlyingPixels:
     def test_one_alone_is_not_a_hit_and_two_that_agree_are(self) -> None:
         """Protects against stereo speckle on one side, and against throwing away thin obstacles on the other."""
         open_ground = [FLOOR, ROOF]
-        ahead = np.abs(BEARINGS) < math.radians(5.0)
+        ahead = between(-5.0, 5.0)
         alone = look(self.with_pixels(open_ground, (60, 80, 3.0)))
         assert (alone.state[ahead] == CLEAR).all()
         agreeing = look(self.with_pixels(open_ground, (60, 80, 3.0), (61, 80, 3.0 + AGREE_M / 2.0)))
@@ -316,9 +316,7 @@ class TestResolution:
         arrays(
             np.float32,
             array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=13),
-            elements=st.one_of(
-                st.floats(0.125, 100.0, width=32), st.just(float("nan")), st.just(float("inf"))
-            ),
+            elements=st.one_of(st.floats(0.125, 100.0, width=32), st.just(float("nan")), st.just(float("inf"))),
         ),
         st.integers(1, 5),
     )
@@ -353,7 +351,7 @@ class TestResolution:
         surfaces = [FLOOR, ROOF, wall_ahead(8.0), wall_beside(2.0), wall_beside(-1.5)]
         for pitch_deg, roll_deg in TILTS:
             seen = look(frame(surfaces, tilted(pitch_deg, roll_deg), camera))
-            assert (seen.state[IN_VIEW] == HIT).all()
+            assert (seen.state[between(-30.0, 30.0)] == HIT).all()
             x, y = hit_points(seen).T
             off_m = np.minimum.reduce([np.abs(x - 8.0), np.abs(y - 2.0), np.abs(y + 1.5)])
             assert (off_m <= np.hypot(x, y) * math.radians(0.85) + EXACT_M).all()
@@ -363,36 +361,38 @@ class TestResolution:
         image = frame([FLOOR, ROOF], camera=FINE_CAMERA)
         image.depth_m[:, :320] = np.nan
         seen = look(image)
-        assert (seen.state[IN_VIEW & (BEARINGS > math.radians(1.0))] == UNKNOWN).all()
-        assert (seen.state[IN_VIEW & (BEARINGS < math.radians(-1.0))] == CLEAR).all()
+        assert (seen.state[IN_VIEW & between(1.0, 180.0)] == UNKNOWN).all()
+        assert (seen.state[IN_VIEW & between(-180.0, -1.0)] == CLEAR).all()
 
 
 FALSE_GROUND = [
-    (2.389, 4.045, 6.356, -0.3047),
-    (4.683, -9.390, -1.883, -0.0101),
-    (5.272, 1.567, -6.117, 0.0312),
-    (6.712, 1.322, 9.565, -0.0964),
+    (2.389, math.inf, math.inf, 4.045, 6.356, -0.3047),
+    (4.683, math.inf, math.inf, -9.390, -1.883, -0.0101),
+    (5.272, 2.0, 2.0, 1.567, -6.117, 0.0312),
+    (6.712, 2.0, 2.0, 1.322, 9.565, -0.0964),
+    (8.0, 2.0, 1.5, 10.0, 0.0, 0.0),
 ]
-"""Distance of a wall, pitch and roll in degrees, yaw in rad: seven of six hundred random poses were like this."""
+"""Distance of walls ahead, left and right, pitch and roll in degrees, yaw in rad: drawn among a hundred as harmless."""
 
 
 @pytest.mark.xfail(
     strict=True,
-    reason="bug: a wall that crosses from one cell of the ground profile into the next half way up is taken for ground, "
-    "which lifts the slab, so that the floor before the wall becomes an obstacle",
+    reason="bug: a wall that crosses from one cell of the ground profile into the next half way up is taken for "
+    "ground, which lifts the slab, so that the floor before the wall becomes an obstacle",
 )
-@pytest.mark.parametrize(("x_m", "pitch_deg", "roll_deg", "yaw_rad"), FALSE_GROUND)
-def test_the_foot_of_a_wall_is_not_climbed(x_m: float, pitch_deg: float, roll_deg: float, yaw_rad: float) -> None:
+@pytest.mark.parametrize(("ahead_m", "left_m", "right_m", "pitch_deg", "roll_deg", "yaw_rad"), FALSE_GROUND)
+def test_the_foot_of_a_wall_is_not_climbed(
+    ahead_m: float, left_m: float, right_m: float, pitch_deg: float, roll_deg: float, yaw_rad: float
+) -> None:
     """Protects the slab from being lifted by a wall: neither a false obstacle before it nor a hole in it."""
     pose = replace(tilted(pitch_deg, roll_deg), yaw_rad=yaw_rad)
-    walls = [wall_ahead(x_m), wall_beside(2.0), wall_beside(-2.0)]
-    seen = look(frame([FLOOR, ROOF, *walls], pose))
-    ahead = np.abs(BEARINGS) < math.radians(32.0)
-    assert (seen.state[ahead] == HIT).all()
+    sides = [wall_beside(y_m) for y_m in (left_m, -right_m) if math.isfinite(y_m)]
+    seen = look(frame([FLOOR, ROOF, wall_ahead(ahead_m), *sides], pose))
+    np.testing.assert_array_equal(seen.state[IN_VIEW], HIT)
     forward, left = hit_points(seen).T
     x = forward * math.cos(yaw_rad) - left * math.sin(yaw_rad)
     y = forward * math.sin(yaw_rad) + left * math.cos(yaw_rad)
-    off_m = np.minimum(np.abs(x - x_m), np.abs(np.abs(y) - 2.0))
+    off_m = np.minimum.reduce([np.abs(x - ahead_m), np.abs(y - left_m), np.abs(y + right_m)])
     assert (off_m <= np.hypot(x, y) * HALF_BIN_RAD + EXACT_M).all()
 
 

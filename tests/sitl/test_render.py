@@ -166,6 +166,20 @@ def test_nothing_beyond_the_range_is_drawn_and_everything_just_beyond_is() -> No
     assert DepthRenderer(world, replace(LEVEL, max_range_m=8.9)).render(at)[60, 80] == pytest.approx(9.0, abs=1e-5)
 
 
+def test_a_surface_seen_exactly_edge_on_is_not_seen() -> None:
+    """The camera lies in the plane of a sheet, and the sheet's pixels are a column of pixel centres."""
+    room, _caster = scene("room")
+    sheet_m = np.array([[4.0, 1.8, 1.0], [5.0, 1.8, 1.0], [5.0, 1.8, 1.7], [4.0, 1.8, 1.7]], dtype=np.float32)
+    n = len(room.vertices_m)
+    hung = replace(
+        room,
+        vertices_m=np.concatenate([room.vertices_m, sheet_m]),
+        triangles=np.concatenate([room.triangles, np.array([[n, n + 1, n + 2], [n, n + 2, n + 3]], dtype=np.int32)]),
+    )
+    at = Pose(0.0, 3.0, 1.8, 1.35, 0.0)
+    np.testing.assert_array_equal(DepthRenderer(hung, LEVEL).render(at), DepthRenderer(room, LEVEL).render(at))
+
+
 def test_an_image_with_nothing_in_it_is_inf() -> None:
     world, _caster = scene("room")
     image = DepthRenderer(world, LEVEL).render(Pose(0.0, 500.0, 0.0, 0.0, 0.0))

@@ -70,12 +70,13 @@ def test_the_traveling_surface_stops_at_ramps_that_are_too_steep() -> None:
 
 
 def test_the_traveling_surface_does_not_pass_through_walls_or_below_low_roofs() -> None:
-    """Two chambers that touch, and in the third the roof is 0.2 m above the height of flight."""
+    """Two chambers that touch; and in the room, 2.7 m high, a flight too near to the roof or above it."""
     _world, caster = scene("room")
     chambers = RayCaster(together(box((0, 0, 0), (6, 6, 3)), box((6, 0, 0), (12, 6, 3))))
     surface = traveling_surface(chambers, (3.0, 3.0, 1.0), height_m=1.0, margin_m=0.5)
     assert surface[:, 0].max() <= 5.5 + 1e-5
     assert len(traveling_surface(caster, ROOM_START, height_m=2.5, margin_m=1.0)) == 0
+    assert len(traveling_surface(caster, ROOM_START, height_m=3.5, margin_m=1.0)) == 0
     assert len(traveling_surface(caster, ROOM_START, height_m=2.3, margin_m=1.0)) > 0
 
 

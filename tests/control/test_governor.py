@@ -1,0 +1,201 @@
+"""The governor only ever lowers the speed, to what can be braked and turned, and never the other way round."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from companion.control.governor import braking_speed_mps, governed_speed_mps
+from companion.model import CLEAR, HIT, UNKNOWN, Pose, Scan
+from tests.control.scene import BEARINGS_RAD, BINS, Scene, box, law_parameters, mirrored_scan, scan_of
+
+LAW = law_parameters()
+
+# A compiled function's first call may take seconds, which says nothing about the code.
+compiled = settings(deadline=None)
+
+reactions = st.floats(0.0, 3.0)
+brakes = st.floats(0.01, 10.0)
+sides = st.sampled_from([-1, 1, None])
+
+
+@st.composite
+def scans(draw: st.DrawFn) -> Scan:
+    """Anything a scan may hold: walls from 5 cm on in stretches, free and unknown ground between them."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    edges = np.sort(rng.integers(0, BINS, draw(st.integers(1, 20))))
+    stretch = np.searchsorted(edges, np.arange(BINS))
+    state = rng.choice([HIT, HIT, CLEAR, UNKNOWN], len(edges) + 1)[stretch].astype(np.uint8)
+    least_m = draw(st.floats(0.05, 9.0))
+    ranges = rng.uniform(least_m, 10.0, len(edges) + 1)[stretch] + rng.uniform(0.0, 0.1, BINS)
+    ranges = np.where(state == HIT, ranges, np.where(state == CLEAR, 10.0, 0.0))
+    return Scan(BEARINGS_RAD.copy(), ranges, state, np.ones(BINS, np.bool_))
+
+
+def ahead_m(scan: Scan, half_width_m: float) -> float:
+    """The nearest HIT in the strip that the vehicle sweeps, counted along the heading."""
+    hit = (scan.state == HIT) & (np.abs(scan.bearings_rad) < math.pi / 2.0)
+    x, y = scan.ranges_m * np.cos(scan.bearings_rad), scan.ranges_m * np.sin(scan.bearings_rad)
+    return float(np.min(x[hit & (np.abs(y) < half_width_m)], initial=math.inf))
+
+
+def nearest_m(scan: Scan) -> float:
+    """d: the nearest HIT all round."""
+    return float(np.min(scan.ranges_m[scan.state == HIT], initial=math.inf))
+
+
+def wall_ahead(distance_m: float) -> Scan:
+    """A wall across the heading, and nothing else."""
+    return scan_of(lambda bearing_rad: distance_m / math.cos(bearing_rad) if abs(bearing_rad) < 1.0 else math.inf)
+
+
+# Braking.
+
+
+@given(room_m=st.floats(1e-3, 1000.0), reaction_s=reactions, brake_mps2=brakes)
+def test_the_braking_speed_uses_up_the_room_and_no_more(room_m: float, reaction_s: float, brake_mps2: float) -> None:
+    """reaction·v + v²/(2a) = room: the vehicle stands exactly where the room ends."""
+    speed = braking_speed_mps(room_m, reaction_s, brake_mps2)
+    assert speed > 0.0
+    # The root is a difference of numbers up to delay·a = 30 m/s, each rounded by 2^-53: 1e-14 m/s, times 3 s.
+    assert reaction_s * speed + speed**2 / (2.0 * brake_mps2) == pytest.approx(room_m, rel=1e-9, abs=1e-13)
+
+
+@given(room_m=st.floats(-1000.0, 0.0), reaction_s=reactions, brake_mps2=brakes)
+def test_without_room_the_braking_speed_is_zero(room_m: float, reaction_s: float, brake_mps2: float) -> None:
+    """Inside of the critical margin nothing may move towards the wall."""
+    assert braking_speed_mps(room_m, reaction_s, brake_mps2) == 0.0
+
+
+@given(room_m=st.floats(0.0, 1e300), reaction_s=reactions, brake_mps2=brakes)
+def test_the_braking_speed_is_a_speed(room_m: float, reaction_s: float, brake_mps2: float) -> None:
+    """Finite and not negative for every room there could be; nothing ahead at all gives no bound."""
+    assert 0.0 <= braking_speed_mps(room_m, reaction_s, brake_mps2) < math.inf
+    assert braking_speed_mps(math.inf, reaction_s, brake_mps2) == math.inf
+
+
+@pytest.mark.parametrize(
+    ("reaction_s", "brake_mps2", "room_m", "speed_mps"), [(0.0, 0.5, 1.0, 1.0), (1.0, 2.0, 3.0, 2.0)]
+)
+def test_the_braking_speed_by_hand(reaction_s: float, brake_mps2: float, room_m: float, speed_mps: float) -> None:
+    """Without delay v = sqrt(2·a·room); with one of 1 s, 2 m/s need 2 m before and 1 m while braking at 2 m/s²."""
+    assert braking_speed_mps(room_m, reaction_s, brake_mps2) == speed_mps
+
+
+# The governed speed.
+
+
+@compiled
+@given(
+    speed_mps=st.floats(0.0, 5.0), scan=scans(), gamma=sides, forward_mps=st.floats(-2.0, 5.0), d_m=st.floats(0.0, 20.0)
+)
+def test_the_governor_never_raises_the_speed_nor_turns_it_round(
+    speed_mps: float, scan: Scan, gamma: int | None, forward_mps: float, d_m: float
+) -> None:
+    """A2 to A4 leave v(t) arbitrary below v_M: what (12) gives stays the upper bound, 0 the lower one."""
+    for nearest in (d_m, nearest_m(scan)):
+        assert 0.0 <= governed_speed_mps(speed_mps, scan, nearest, gamma, forward_mps, LAW) <= speed_mps
+
+
+@compiled
+@given(scan=scans(), gamma=sides, forward_mps=st.floats(0.0, 5.0))
+def test_what_is_flown_can_be_braked_before_the_critical_margin(
+    scan: Scan, gamma: int | None, forward_mps: float
+) -> None:
+    """reaction·v + v²/(2a) <= d_ahead - d_c, but for the creeping that keeps a vehicle from standing for ever."""
+    speed = governed_speed_mps(5.0, scan, nearest_m(scan), gamma, forward_mps, LAW)
+    governor, room_m = LAW.governor, ahead_m(scan, LAW.critical_margin_m) - LAW.critical_margin_m
+    if speed > governor.least_speed_mps:
+        # Rounding of the root, as above.
+        assert governor.reaction_s * speed + speed**2 / (2.0 * governor.brake_mps2) <= room_m + 1e-9
+
+
+@compiled
+@given(scan=scans(), gamma=st.sampled_from([-1, 1]), forward_mps=st.floats(0.0, 1.0))
+def test_a_mirrored_scan_is_governed_alike(scan: Scan, gamma: int, forward_mps: float) -> None:
+    """With left and right exchanged, Γ too, the speed stays: a sign error in either turn would show here."""
+    d_m = nearest_m(scan)
+    here = governed_speed_mps(0.5, scan, d_m, gamma, forward_mps, LAW)
+    there = governed_speed_mps(0.5, mirrored_scan(scan), d_m, -gamma, forward_mps, LAW)
+    # sin and cos of mirrored bearings may differ in their last bit.
+    assert here == pytest.approx(there, abs=1e-12)
+
+
+@pytest.mark.parametrize("gamma", [-1, 1, None])
+def test_open_ground_is_flown_at_the_set_speed(gamma: int | None) -> None:
+    """Nothing in view, no reason to be slow."""
+    assert governed_speed_mps(0.5, scan_of(lambda _: math.inf), math.inf, gamma, 0.5, LAW) == 0.5
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_straight_wall_at_the_margin_is_followed_at_the_set_speed(side: int) -> None:
+    """Following a wall at d_s, the flight's usual state, must not be slowed by the wall that is followed."""
+    scene = Scene(box(-50.0, -1.0, 50.0, 50.0))
+    if side > 0:
+        scene = scene.mirrored()
+    scan = scene.scan(Pose(0.0, 0.0, 0.0, 1.5, 0.0))
+    assert governed_speed_mps(0.5, scan, 1.0, side, 0.5, LAW) == 0.5
+
+
+#      +------+                        the way turns off to the left: with the wall on the right hand (Γ = -1) the
+#      |      |                        vehicle turns left and has room; a turn to the right ends in the wall
+#      |      |
+#      | >    |  . . . and mirrored
+#    --+------+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_the_turn_that_the_wall_asks_for_is_the_one_that_counts(side: int) -> None:
+    """Γ = -1 turns away to the left: the room on the left bounds the speed, not that on the right; mirrored for 1."""
+    scene = Scene(box(-20.0, -1.0, 2.2, 20.0))
+    if side > 0:
+        scene = scene.mirrored()
+    scan = scene.scan(Pose(0.0, 0.0, 0.0, 1.5, 0.0))
+    d_m = nearest_m(scan)
+    away = governed_speed_mps(0.5, scan, d_m, side, 0.5, LAW)
+    into = governed_speed_mps(0.5, scan, d_m, -side, 0.5, LAW)
+    assert into < away
+    assert into == LAW.governor.least_speed_mps
+    assert governed_speed_mps(0.5, scan, d_m, None, 0.5, LAW) == away
+
+
+def test_at_the_wall_the_vehicle_stands() -> None:
+    """With the nearest obstacle straight ahead there is not even creeping: that would bring it nearer."""
+    scan = wall_ahead(0.6)
+    assert governed_speed_mps(0.5, scan, nearest_m(scan), None, 0.0, LAW) == 0.0
+
+
+@compiled
+@given(distances_m=st.lists(st.floats(0.71, 9.0), min_size=2, max_size=2, unique=True))
+def test_a_nearer_wall_ahead_is_never_flown_at_faster(distances_m: list[float]) -> None:
+    """Monotonic in the distance: coming nearer slows down."""
+    near, far = (governed_speed_mps(5.0, wall_ahead(m), m, None, 0.0, LAW) for m in sorted(distances_m))
+    assert near <= far
+
+
+@compiled
+@given(scan=scans(), gamma=sides, forward_mps=st.floats(0.0, 5.0), faster_mps=st.floats(0.0, 5.0))
+def test_a_faster_vehicle_gets_no_higher_speed(
+    scan: Scan, gamma: int | None, forward_mps: float, faster_mps: float
+) -> None:
+    """What is flown before a turn takes effect is lost to the turn, so flying fast never earns more speed."""
+    slow, fast = (
+        governed_speed_mps(5.0, scan, nearest_m(scan), gamma, v, LAW) for v in sorted((forward_mps, faster_mps))
+    )
+    assert fast <= slow
+
+
+def test_a_vehicle_that_obeys_stops_before_the_wall() -> None:
+    """The braking inequality in a simulated approach: with the reaction's delay and the brake's limit, d_c is kept."""
+    governor, dt_s = LAW.governor, LAW.period_s
+    wall = Scene(box(-50.0, -50.0, 8.0, 50.0))
+    pending = [2.0] * round(governor.reaction_s / dt_s)
+    x_m, speed = 0.0, 2.0
+    while speed > governor.least_speed_mps and x_m < 8.0:
+        scan = wall.scan(Pose(0.0, x_m, 0.0, 1.5, 0.0))
+        pending.append(governed_speed_mps(2.0, scan, 8.0 - x_m, None, speed, LAW))
+        speed = max(pending.pop(0), speed - governor.brake_mps2 * dt_s)
+        x_m += speed * dt_s
+    assert 8.0 - x_m >= LAW.critical_margin_m
