@@ -13,9 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
+from companion.geometry import camera_to_world
 from companion.model import Camera, Pose
 from sitl.raycast import RayCaster
-from sitl.render import DepthRenderer, camera_in_world
+from sitl.render import DepthRenderer
 from sitl.worlds import World, load_world
 
 WORLDS = ("complex", "slope", "room", "random:1")
@@ -68,7 +69,7 @@ def measured(world: World, caster: RayCaster, size_px: tuple[int, int]) -> dict[
         begin = time.perf_counter()
         rendered = renderer.render(pose)
         render_s.append(time.perf_counter() - begin)
-        axes, place = camera_in_world(pose, camera)
+        axes, place = camera_to_world(camera, pose)
         begin = time.perf_counter()
         cast = caster.cast(place, rays.reshape(-1, 3) @ axes.T).reshape(rendered.shape)
         cast_s.append(time.perf_counter() - begin)

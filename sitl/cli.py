@@ -18,7 +18,7 @@ from sitl.worlds import load_world
 EXIT_INTERRUPTED = 130
 
 
-class MissionFailed(CompanionError):
+class MissionFailedError(CompanionError):
     """The mission did not end as it should: the map is not complete, or a wall was touched."""
 
 
@@ -57,7 +57,7 @@ def simulate(
         )
     target = default_folder(world, seed) if out is None else out
     with new_folder(target) as folder:
-        with console.status("preparing the mine"):
+        with console.status("preparing the mine (the very first flight compiles the fast parts, about a minute)"):
             mine = load_world(world, seed, start)
             simulation = Simulation(mine, settings, seed, vehicles)
         console.print(f"{mine.name}: {mine.description}", highlight=False)
@@ -69,7 +69,7 @@ def simulate(
     if simulation.ended_because == "stopped by the user":
         raise typer.Exit(EXIT_INTERRUPTED)
     if simulation.ended_because != "complete":
-        raise MissionFailed(
+        raise MissionFailedError(
             f"the mission ended because of: {simulation.ended_because}; the map holds {simulation.completeness:.1%} of "
             f"what can be seen"
         )

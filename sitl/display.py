@@ -66,7 +66,7 @@ def _table(progress: Progress, pace: float) -> Table:
         f"{progress.completeness:6.1%} of what can be seen (complete at {COMPLETE_SHARE:.0%})",
     )
     outer.add_row(bar)
-    outer.add_row(f"simulated {clock(progress.t_s)}   {pace:.0f} times real time   Ctrl-C stops and keeps what is mapped")
+    outer.add_row(f"simulated {clock(progress.t_s)}   {pace:.0f} times real time   Ctrl-C stops and keeps the map")
     rows = Table(box=None, pad_edge=False)
     for heading in ("vehicle", "mode", "d", "h", "speed", "way"):
         rows.add_column(heading, justify="left" if heading in ("vehicle", "mode") else "right", min_width=8)

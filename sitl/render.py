@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from companion.geometry import camera_to_world
 from companion.model import Camera, Pose
 from sitl.worlds.model import World
 
@@ -27,18 +28,6 @@ FAR_SHARE = 1.05
 
 _EDGE_PX = 1e-6
 """Pixel centres this close to an edge belong to it, so that rounding cannot open a gap between two triangles."""
-
-
-def camera_in_world(pose: Pose, camera: Camera) -> tuple[Array, Array]:
-    """Where a camera is when the vehicle is at ``pose``.
-
-    Returns:
-        (3, 3) the axes of the camera, forward, left and up, as columns in the world frame, and (3,) its place in m.
-    """
-    body = _yaw_pitch_roll(pose.yaw_rad, pose.pitch_rad, pose.roll_rad)
-    mount = _yaw_pitch_roll(camera.mount_yaw_rad, camera.mount_pitch_rad, 0.0)
-    place = np.array([pose.x_m, pose.y_m, pose.z_m])
-    return body @ mount, place + body @ np.array([camera.mount_x_m, camera.mount_y_m, camera.mount_z_m])
 
 
 class DepthRenderer:
@@ -59,7 +48,7 @@ class DepthRenderer:
             where there is none within `FAR_SHARE` of the camera's range. Nothing nearer than `NEAR_M` is seen.
         """
         camera, chunks = self.camera, self._chunks
-        axes, place = camera_in_world(pose, camera)
+        axes, place = camera_to_world(camera, pose)
         image: NDArray[np.float32] = _rendered(
             *(chunks.vertices_m, chunks.vertex_starts, chunks.triangles, chunks.triangle_starts),
             *(chunks.centres_m, chunks.radii_m, axes, place),
@@ -67,18 +56,6 @@ class DepthRenderer:
             camera.max_range_m * FAR_SHARE,
         )
         return image
-
-
-def _yaw_pitch_roll(yaw_rad: float, pitch_rad: float, roll_rad: float) -> Array:
-    """R = Rz(yaw) Ry(pitch) Rx(roll)."""
-    (cy, cp, cr), (sy, sp, sr) = np.cos([yaw_rad, pitch_rad, roll_rad]), np.sin([yaw_rad, pitch_rad, roll_rad])
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -41,12 +40,12 @@ def new_folder(target: Path) -> Iterator[Path]:
         target.parent.mkdir(parents=True, exist_ok=True)
         partial = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
     except OSError as error:
-        raise InputError(f"--out {target}: cannot be made: {error.strerror}; give a folder that you may write") from None
+        raise InputError(f"--out {target}: {error.strerror}; give a folder that you may write") from None
     try:
         yield partial
         # mkdtemp makes folders that only their owner may read.
         partial.chmod(0o755)
-        os.replace(partial, target)
+        partial.replace(target)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 

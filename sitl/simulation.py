@@ -28,6 +28,9 @@ COMPLETE_SHARE = 0.99
 CHECK_PERIOD_S = 5.0
 """Simulated time between two looks at the completeness."""
 
+SURFACE_STEP_M = 0.25
+"""Grid of the traveling surface: drifts that are 0.4 m wider than twice d_s are still found passable on it."""
+
 SCORED_PERIOD_S = 0.1
 """The true distance to the walls is taken this often: every 5 cm of the way at 0.5 m/s."""
 
@@ -72,6 +75,8 @@ class Simulation:
             settings.control.margin_m,
             settings.mapping.voxel_m,
             settings.mapping.max_range_m,
+            step_m=SURFACE_STEP_M,
+            start_margin_m=settings.control.critical_margin_m,
         )
         self.flights = tuple(
             Flight(number, world, self.caster, settings, start, flight_seed)
@@ -194,7 +199,7 @@ class Simulation:
         for flight in self.flights:
             open_points = np.flatnonzero(~self._found)
             self._found[open_points] = flight.map.occupied_near(self.truth.samples_m[open_points])
-        self.completeness = _share(self._found)
+        self.completeness = self._found_share()
         if self.completeness >= COMPLETE_SHARE:
             # A voxel that was occupied may have been carved away since: what counts is the map as it is.
             self.completeness = self._exact_completeness()
@@ -204,7 +209,12 @@ class Simulation:
 
     def _exact_completeness(self) -> float:
         self._found = self.merged_map().occupied_near(self.truth.samples_m)
-        return _share(self._found)
+        return self._found_share()
+
+    def _found_share(self) -> float:
+        """Share of the visible surface, by area: a voxel that a slanted wall only grazes holds little of it."""
+        areas = self.truth.sample_areas_m2.astype(np.float64)
+        return float(areas[self._found].sum() / areas.sum()) if areas.size else 0.0
 
     def _true_distances(self, flight: Flight) -> NDArray[np.float64]:
         """The true least horizontal distance from the centre of the vehicle, over the height of the body."""
@@ -253,10 +263,6 @@ def start_poses(
         if len(poses) == vehicles:
             return poses
     raise InputError(f"world {world.name} has no room for {vehicles} vehicles to start")
-
-
-def _share(found: NDArray[np.bool_]) -> float:
-    return float(np.mean(found)) if found.size else 0.0
 
 
 def _rounded(value: float, digits: int) -> float | None:

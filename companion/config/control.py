@@ -107,8 +107,8 @@ class ControlSettings(Section):
         closing_mps = self.closing_gain_per_s * self.closing_saturation_m
         if closing_mps >= self.speed_mps:
             raise refuse(
-                f"control.closing_gain_per_s · control.closing_saturation_m = {closing_mps:g} m/s (l·k) must be smaller "
-                f"than control.speed_mps = {self.speed_mps:g} m/s (v): X is a commanded closing speed",
+                f"control.closing_gain_per_s · control.closing_saturation_m = {closing_mps:g} m/s (l·k) must be "
+                f"smaller than control.speed_mps = {self.speed_mps:g} m/s (v): X is a commanded closing speed",
                 "control.closing_gain_per_s",
                 "control.closing_saturation_m",
                 "control.speed_mps",

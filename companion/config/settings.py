@@ -42,8 +42,8 @@ class Settings(Section):
         half_m = self.vehicle.body_height_m / 2.0 + self.sensors.scan.slab_margin_m
         if half_m >= self.control.height_m:
             raise refuse(
-                f"control.height_m = {self.control.height_m:g} m (H) must be greater than half of vehicle.body_height_m "
-                f"plus sensors.scan.slab_margin_m = {half_m:g} m: the ground itself would be an obstacle",
+                f"control.height_m = {self.control.height_m:g} m (H) must be greater than half of "
+                f"vehicle.body_height_m plus sensors.scan.slab_margin_m = {half_m:g} m: the ground would be in the way",
                 "control.height_m",
                 "vehicle.body_height_m",
                 "sensors.scan.slab_margin_m",
@@ -55,8 +55,8 @@ class Settings(Section):
         needed_m = (self.fleet.largest_group + 1) * self.control.vertical_margin_m
         if self.fleet.tunnel_height_m < needed_m:
             raise refuse(
-                f"fleet.tunnel_height_m = {self.fleet.tunnel_height_m:g} m (d_M) must be at least (fleet.largest_group + 1)"
-                f" · control.vertical_margin_m = {needed_m:g} m, or the layers of (11) are too close",
+                f"fleet.tunnel_height_m = {self.fleet.tunnel_height_m:g} m (d_M) must be at least (fleet.largest_group "
+                f"+ 1) · control.vertical_margin_m = {needed_m:g} m, or the layers of (11) are too close",
                 "fleet.tunnel_height_m",
                 "fleet.largest_group",
                 "control.vertical_margin_m",

@@ -35,8 +35,8 @@ class NoiseSettings(Section):
     range_noise_m: float = Field(0.02, ge=0.0, le=1.0, description="standard deviation of a beam's range, in m")
     range_dropout_share: float = Field(0.02, ge=0.0, le=0.9, description="share of beam readings without a measurement")
     pose_noise_m: float = Field(0.01, ge=0.0, le=1.0, description="standard deviation of each position axis, in m")
-    pose_noise_rad: float = Field(0.003, ge=0.0, le=0.5, description="standard deviation of each attitude angle, in rad")
-    velocity_noise_mps: float = Field(0.03, ge=0.0, le=1.0, description="standard deviation of each velocity axis, in m/s")
+    pose_noise_rad: float = Field(0.003, ge=0.0, le=0.5, description="standard deviation of each attitude angle")
+    velocity_noise_mps: float = Field(0.03, ge=0.0, le=1.0, description="standard deviation of each velocity axis")
     pose_drift_share: float = Field(
         0.0, ge=0.0, le=0.2, description="drift of the estimated position as a share of the way flown"
     )
@@ -47,4 +47,6 @@ class SimSettings(Section):
 
     dynamics: DynamicsSettings = Field(DynamicsSettings(), description="the simulated vehicle")
     noise: NoiseSettings = Field(NoiseSettings(), description="the imperfection of sensors and pose")
-    time_limit_s: float = Field(3600.0, gt=0.0, le=86400.0, description="simulated time after which the mission ends, in s")
+    time_limit_s: float = Field(
+        3600.0, gt=0.0, le=86400.0, description="simulated time after which a mission ends, in s"
+    )

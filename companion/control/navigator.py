@@ -24,7 +24,7 @@ OBSTACLE_AHEAD_RAD = math.radians(60.0)
 """In R2 the boundary is reached when an obstacle at d_s lies within this bearing: further round it is passed by."""
 
 STUCK_TURNS = 2.0
-"""Full turns in R3 without moving on by d_s, after which the vehicle stands where S has no room (narrower than 2·d_s)."""
+"""Full turns in R3 without moving on by d_s, after which the vehicle is where S has no room (below 2·d_s)."""
 
 LOST_WALL_S = 3.0
 """In R3 with nothing at all in view for this long there is no boundary to follow."""
@@ -51,7 +51,7 @@ class TargetKind(enum.StrEnum):
     WALL = "wall"
     """Our extension: after a full turn in R1 without a tangent, the d_s-offset of the nearest wall."""
     OPEN = "open"
-    """Our extension: out of a place without room, away from a boundary followed once round, or where nothing is near."""
+    """Our extension: out of a place without room, away from a boundary followed once round, or from nothing."""
 
 
 @dataclass(frozen=True, slots=True)

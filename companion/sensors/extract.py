@@ -117,7 +117,7 @@ class Extractor:
         return range_m * math.cos(pose.pitch_rad) * math.cos(pose.roll_rad)
 
     def _height_m(self, pose: Pose, t_s: float) -> float | None:
-        """h (paper Definition 3.7), tilt compensated, carried on by the climb since the reading."""
+        """H (paper Definition 3.7), tilt compensated, carried on by the climb since the reading."""
         known = self._readings.get(Beam.DOWN)
         if known is None:
             return None

@@ -19,7 +19,7 @@ CELLS = 128
 
 SEEN_THROUGH_M, SEEN_THROUGH_PER_M = 0.04, 0.004
 """A remembered point is dropped when a fresh look at its bearing sees further than it by more than
-SEEN_THROUGH_M + SEEN_THROUGH_PER_M · range²: the noise of a stereo camera grows with the square of the range, and without
+SEEN_THROUGH_M + SEEN_THROUGH_PER_M · range²: the noise of a stereo camera grows with the square of the range. Without
 this the nearest of many noisy points would make every wall thicker with each look."""
 
 

@@ -65,15 +65,15 @@ class Scene:
         """(n,) distance to the first wall in each world direction; inf where there is none."""
         if not len(self._walls):
             return np.full(directions_rad.size, np.inf)
-        ax, ay, bx, by = (self._walls - np.array([x_m, y_m, x_m, y_m])).T
+        ax, ay, bx, by = (self._walls - np.array([x_m, y_m, x_m, y_m])).T[:, :, None]
         ex, ey = bx - ax, by - ay
-        dx, dy = np.cos(directions_rad)[:, None], np.sin(directions_rad)[:, None]
-        turn = dx * ey - dy * ex
-        with np.errstate(divide="ignore", invalid="ignore"):
-            along = (ax * ey - ay * ex) / turn
-            share = (ax * dy - ay * dx) / turn
-        met = (turn != 0.0) & (along > 0.0) & (share >= 0.0) & (share <= 1.0)
-        return np.asarray(np.min(np.where(met, along, np.inf), axis=1), np.float64)
+        dx, dy = np.cos(directions_rad), np.sin(directions_rad)
+        turn = ey * dx - ex * dy
+        # A ray along a wall never meets it: this sends the meeting point far off without dividing by zero.
+        turn[turn == 0.0] = 1e-200
+        along, share = (ax * ey - ay * ex) / turn, (ax * dy - ay * dx) / turn
+        met = (along > 0.0) & (share >= 0.0) & (share <= 1.0)
+        return np.asarray(np.where(met, along, np.inf).min(axis=0), np.float64)
 
     def nearest(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Distance to the nearest wall and the world direction of it; inf, 0 in an empty world."""

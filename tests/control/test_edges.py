@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.control.edges import (
@@ -31,13 +31,11 @@ from tests.control.scene import (
     mirrored_scan,
     scan_of,
 )
+from tests.control.stages import compiled
 
 LAW = law_parameters(margin_m=1.0, edge_jump_m=2.0, edge_bearing_rad=0.6)
 AHEAD = BINS // 2
 """The first bearing left of the heading: AHEAD - 1 is the first one right of it."""
-
-# A compiled function's first call may take seconds, which says nothing about the code.
-compiled = settings(deadline=None)
 
 
 def two_walls(right_m: float, left_m: float) -> Scan:

@@ -6,17 +6,15 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.control.governor import braking_speed_mps, governed_speed_mps
 from companion.model import CLEAR, HIT, UNKNOWN, Pose, Scan
 from tests.control.scene import BEARINGS_RAD, BINS, Scene, box, law_parameters, mirrored_scan, scan_of
+from tests.control.stages import compiled
 
 LAW = law_parameters()
-
-# A compiled function's first call may take seconds, which says nothing about the code.
-compiled = settings(deadline=None)
 
 reactions = st.floats(0.0, 3.0)
 brakes = st.floats(0.01, 10.0)

@@ -147,6 +147,18 @@ def test_a_floor_seen_at_a_slant_has_no_holes() -> None:
     assert not (voxels.classify(floor) == FREE).any()
 
 
+def test_hits_win_over_misses() -> None:
+    """Protects the same, made sharp: where misses weigh more than hits, a voxel that has both must still fill.
+
+    The wall is in the far half of its voxels, so each of their centres is seen to be clear in every frame.
+    """
+    wary = EXACT.model_copy(update={"hit_probability": 0.6, "miss_probability": 0.2})
+    voxels = VoxelMap(wary)
+    report = voxels.integrate(frame(camera(), pose(), 3.09))
+    assert voxels.classify(3.09 * AXIS[np.newaxis]) == [OCCUPIED]
+    assert (report.hits, report.misses) == (voxels.counts().occupied, voxels.counts().free)
+
+
 def test_a_thin_pillar_survives_looks_past_it() -> None:
     """Protects thin obstacles: a pillar one pixel wide in front of a far wall is hit, though most rays pass it."""
     depth = np.full((60, 80), 4.55)

@@ -279,23 +279,22 @@ class TestPose:
         """Protects logs and displays, and whoever reads the rate without asking what is missing."""
         pose = replace(AT_START, vx_mps=NAN)
         measured = extractor().measure(observed(pose, [FLOOR, ROOF, wall_ahead(3.0)], DOWN))
-        assert measured.missing == ("pose",)
+        assert "pose" in measured.missing
         assert_finite(measured)
 
     @pytest.mark.xfail(
         strict=True, reason="bug: a point at NaN is remembered, and recalling it writes outside of the scan's arrays"
     )
-    @pytest.mark.parametrize("name", ["x_m", "yaw_rad"])
-    def test_an_image_whose_pose_is_not_finite_crashes_nothing(self, name: str) -> None:
+    def test_an_image_whose_pose_is_not_finite_crashes_nothing(self) -> None:
         """Protects the process: compiled code has no bounds. In a process of its own, because it takes it down."""
-        source = f"""
+        source = """
 from dataclasses import replace
 from tests.sensors.test_extract import *
-extract = extractor()
-seen = image([FLOOR, ROOF, wall_ahead(3.0)])
-extract.measure(Observation(0.0, AT_START, replace(seen, pose=replace(AT_START, {name}=NAN)), readings(0.0, DOWN)))
-measured = extract.measure(observed(later(AT_START, SOON_S), OPEN, DOWN))
-assert_finite(measured)
+for name in ("x_m", "yaw_rad"):
+    extract = extractor()
+    seen = replace(image([FLOOR, ROOF, wall_ahead(3.0)]), pose=replace(AT_START, **{name: NAN}))
+    extract.measure(Observation(0.0, AT_START, seen, readings(0.0, DOWN)))
+    assert_finite(extract.measure(observed(later(AT_START, SOON_S), OPEN, DOWN)))
 """
         done = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
@@ -546,6 +545,7 @@ def assert_finite(measured: Measurement) -> None:
     assert measured.d_m == (pytest.approx(hits.min()) if hits.size else None)
 
 
+WALL_IMAGE = image([FLOOR, ROOF, wall_ahead(3.0)])
 ODD = [NAN, INF, -INF, 0.0, -1.0, 1e300, -1e300, 1e-300]
 any_float = st.one_of(st.floats(-20.0, 20.0), st.sampled_from(ODD))
 any_range = st.one_of(st.none(), st.floats(0.0, 12.0), st.sampled_from(ODD))
@@ -570,10 +570,11 @@ def observations(draw: st.DrawFn) -> list[Observation]:
         beams = draw(st.dictionaries(st.sampled_from(list(Beam)), any_range))
         seen, turn = None, None
         if draw(st.booleans()):
-            seen = replace(image([FLOOR, ROOF, wall_ahead(3.0)]), t_s=t_s, pose=draw(poses(t_s)))
+            depth_m = WALL_IMAGE.depth_m.copy()
             rows, value = draw(st.slices(CAMERA.height_px)), draw(any_float)
             with np.errstate(over="ignore"):
-                seen.depth_m[rows] = np.float32(value)
+                depth_m[rows] = np.float32(value)
+            seen = DepthFrame(t_s, depth_m, CAMERA, draw(poses(t_s)))
         if draw(st.booleans()):
             ranges = draw(st.lists(any_range.map(lambda r: NAN if r is None else r), max_size=20))
             turn = PlanarScan(
@@ -586,7 +587,7 @@ def observations(draw: st.DrawFn) -> list[Observation]:
 
 @pytest.mark.xfail(run=False, reason="bug: takes the process down, see the image whose pose is not finite above")
 @given(observations())
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=80)
 def test_whatever_comes_in_only_numbers_come_out(ticks: list[Observation]) -> None:
     """Protects everything behind: no NaN, no infinity, no invalid state reaches the law; a broken pose is told."""
     extract = extractor()

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from companion.geometry import camera_to_world
 from companion.model import Camera, Pose
 from sitl.raycast import RayCaster
-from sitl.render import DepthRenderer, camera_in_world
+from sitl.render import DepthRenderer
 from sitl.worlds import World, load_world
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "worlds"
@@ -70,7 +71,7 @@ def compare(caster: RayCaster, camera: Camera, pose: Pose, image: NDArray[np.flo
         `SIDE_PX` beside the centre find, that is, are not on the outline of something nearer, or on a surface seen at
         so flat an angle that its depth changes that much within the pixel.
     """
-    axes, place = camera_in_world(pose, camera)
+    axes, place = camera_to_world(camera, pose)
     u, v = np.meshgrid(np.arange(float(camera.width_px)), np.arange(float(camera.height_px)))
     cast = caster.cast(place, rays_px(camera, u, v).reshape(-1, 3) @ axes.T).reshape(image.shape)
     limit = np.float32(camera.max_range_m)
@@ -150,7 +151,7 @@ def test_triangles_that_reach_behind_the_camera_are_cut_and_not_dropped(gap_m: f
     for yaw_rad, z_m in ((0.3, gap_m), (-2.8, 2.7 - gap_m), (3.0, 1.3)):
         pose = Pose(0.0, 5.0, gap_m, z_m, yaw_rad, roll_rad=0.2, pitch_rad=0.1)
         image = renderer.render(pose)
-        axes, place = camera_in_world(pose, camera)
+        axes, place = camera_to_world(camera, pose)
         u, v = np.meshgrid(np.arange(160.0), np.arange(120.0))
         cast = caster.cast(place, rays_px(camera, u, v).reshape(-1, 3) @ axes.T).reshape(image.shape)
         beyond = cast > 0.021
@@ -202,7 +203,7 @@ def test_attitude_turns_the_camera_as_the_model_says(
     pose: Pose, forward: tuple[int, int, int], up: tuple[int, int, int]
 ) -> None:
     """A positive pitch looks down, a positive roll lifts the left side; roll is about the nose, pitch after yaw."""
-    axes, place = camera_in_world(pose, LEVEL)
+    axes, place = camera_to_world(LEVEL, pose)
     np.testing.assert_allclose(axes[:, 0], forward, atol=1e-12)
     np.testing.assert_allclose(axes[:, 2], up, atol=1e-12)
     np.testing.assert_allclose(np.cross(axes[:, 0], axes[:, 1]), axes[:, 2], atol=1e-12)
@@ -211,7 +212,7 @@ def test_attitude_turns_the_camera_as_the_model_says(
 
 def test_the_mount_moves_and_turns_the_camera_with_the_body() -> None:
     camera = replace(LEVEL, mount_x_m=0.3, mount_y_m=0.2, mount_z_m=0.1, mount_yaw_rad=np.pi / 2)
-    axes, place = camera_in_world(Pose(0.0, 1.0, 2.0, 3.0, np.pi / 2), camera)
+    axes, place = camera_to_world(camera, Pose(0.0, 1.0, 2.0, 3.0, np.pi / 2))
     np.testing.assert_allclose(place, [0.8, 2.3, 3.1], atol=1e-12)
     np.testing.assert_allclose(axes[:, 0], [-1.0, 0.0, 0.0], atol=1e-12)
 

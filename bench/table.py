@@ -1,0 +1,33 @@
+"""What all benches share: a table on the terminal and, when asked for, the figures in a JSON file."""
+
+from __future__ import annotations
+
+import json
+from argparse import ArgumentParser
+from collections.abc import Sequence
+from pathlib import Path
+
+Row = dict[str, object]
+
+
+def parser(description: str | None) -> ArgumentParser:
+    """A parser with the option that every bench has."""
+    made = ArgumentParser(description=(description or "").partition("\n")[0])
+    made.add_argument("--json", type=Path, metavar="FILE", help="write the figures of every row into this file too")
+    return made
+
+
+def show(rows: Sequence[Row], columns: Sequence[str], json_file: Path | None = None) -> None:
+    """Print the named columns of the rows, and write all that the rows hold."""
+    cells = [[_text(row.get(column)) for column in columns] for row in rows]
+    widths = [max(len(column), *(len(line[k]) for line in cells)) for k, column in enumerate(columns)]
+    for line in [list(columns), ["-" * width for width in widths], *cells]:
+        print("  ".join(text.rjust(width) for text, width in zip(line, widths, strict=True)))
+    if json_file is not None:
+        json_file.write_text(json.dumps(list(rows), indent=2) + "\n", encoding="utf-8")
+
+
+def _text(value: object) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

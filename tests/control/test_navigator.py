@@ -1,0 +1,414 @@
+"""The navigation algorithm A1 to A4: each rule by itself, and every mode against every event."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.control import TargetKind, edges
+from companion.control.known_ground import KnownGround
+from companion.control.navigator import FORGET_TANGENT_S
+from companion.model import HIT, UNKNOWN, Measurement, Mode, Pose
+from tests.control.scene import BEARINGS_RAD, Scene, box, fly, law_parameters, measurement
+from tests.control.stages import (
+    ALWAYS,
+    DT_S,
+    IN_MODE,
+    NEVER,
+    OPEN,
+    ORIGIN,
+    QUARTER,
+    Fixed,
+    beside,
+    compiled,
+    edge_scan,
+    edge_to_the_unknown,
+    in_boundary,
+    in_tangent,
+    mode_of,
+    navigator_with,
+    random_scan,
+    two_walls,
+    wall_ahead,
+)
+
+# A1: the initial circle.
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_flight_begins_turning_on_the_spot(seed: int) -> None:
+    """A1 with (12): R1, no speed, the largest yaw rate to either side, and no change of that side on the way."""
+    navigator = navigator_with(seed)
+    setpoints = [navigator.step(OPEN, ORIGIN, i * DT_S) for i in range(10)]
+    assert mode_of(navigator) is Mode.CIRCLE
+    assert {setpoint.speed_mps for setpoint in setpoints} == {0.0}
+    assert {abs(setpoint.yaw_rate_radps) for setpoint in setpoints} == {navigator.parameters.max_yaw_rate_radps}
+    assert len({setpoint.yaw_rate_radps for setpoint in setpoints}) == 1
+
+
+def test_the_side_of_the_initial_circle_is_drawn() -> None:
+    """A1: both circles are possible; 20 equal draws have a probability of 2·2^-20."""
+    rates = {navigator_with(seed).step(OPEN, ORIGIN, 0.0).yaw_rate_radps for seed in range(20)}
+    assert len(rates) == 2
+
+
+# A2: R1 -> R2.
+
+
+@pytest.mark.parametrize("gamma", [-1, 1])
+@pytest.mark.parametrize("far_m", [pytest.param(9.0, id="HIT"), pytest.param(math.inf, id="CLEAR")])
+def test_a_jump_to_what_was_seen_starts_a_tangent(far_m: float, gamma: int) -> None:
+    """R1 -> R2: Γ names the side of the near wall, T_m is d_s beside its end."""
+    navigator = navigator_with()
+    scan = two_walls(4.0, far_m) if gamma < 0 else two_walls(far_m, 4.0)
+    setpoint = navigator.step(measurement(scan), ORIGIN, 0.0)
+    status = navigator.status
+    assert (status.mode, status.gamma) == (Mode.TANGENT, gamma)
+    assert status.target is not None
+    assert status.target.kind is TargetKind.TANGENT
+    # Rounding of polar coordinates and back.
+    assert (status.target.x_m, status.target.y_m) == pytest.approx((4.0, -float(gamma)), abs=1e-12)
+    assert setpoint.speed_mps == navigator.parameters.speed_mps
+    # The target is on the right of the heading for Γ = 1: (7) R2 turns right, and left for -1.
+    assert setpoint.yaw_rate_radps * gamma < 0.0
+
+
+@pytest.mark.parametrize("gamma", [-1, 1])
+def test_a_jump_to_the_unknown_starts_nothing(gamma: int) -> None:
+    """R1 -> R2 never on a jump to UNKNOWN: the border of the camera's view would be an edge everywhere."""
+    navigator = navigator_with()
+    navigator.step(measurement(edge_to_the_unknown(gamma)), ORIGIN, 0.0)
+    assert mode_of(navigator) is Mode.CIRCLE
+
+
+@pytest.mark.parametrize(("state", "range_m"), [(UNKNOWN, 0.0), (HIT, 2.0)])
+def test_a_tangent_whose_corridor_is_not_known_free_is_not_taken(state: np.uint8, range_m: float) -> None:
+    """Definition 3.4: an obstacle, or a gap in what was seen, between the vehicle and T_m forbids the tangent."""
+    scan = two_walls(9.0, 4.0)
+    target_rad = -math.atan2(1.0, 4.0)
+    inside = int(np.argmin(np.abs(BEARINGS_RAD - target_rad)))
+    scan.state[inside], scan.ranges_m[inside] = state, range_m
+    assert len(edges.find_edges(scan, law_parameters())) == 1
+    navigator = navigator_with()
+    navigator.step(measurement(scan), ORIGIN, 0.0)
+    assert mode_of(navigator) is Mode.CIRCLE
+
+
+@pytest.mark.parametrize("heading_rad", [0.0, 1.0, -2.0, 3.1])
+def test_the_target_stands_still_in_the_world(heading_rad: float) -> None:
+    """T_m is transformed into world coordinates once; flying on does not drag it along."""
+    navigator = navigator_with()
+    pose = Pose(0.0, 10.0, -20.0, 1.5, heading_rad)
+    navigator.step(measurement(edge_scan(1)), pose, 0.0)
+    target = navigator.status.target
+    assert target is not None
+    towards_rad = heading_rad - math.atan2(1.0, 4.0)
+    expected = (
+        10.0 + math.hypot(4.0, 1.0) * math.cos(towards_rad),
+        -20.0 + math.hypot(4.0, 1.0) * math.sin(towards_rad),
+    )
+    assert (target.x_m, target.y_m) == pytest.approx(expected, abs=1e-12)
+    navigator.step(measurement(edge_scan(-1)), replace(pose, x_m=11.0, yaw_rad=0.5), 0.05)
+    assert navigator.status.target == target
+
+
+# A3: R2 -> R3, and R2 -> R1.
+
+
+@pytest.mark.parametrize(
+    ("x_m", "y_m", "mode"),
+    [
+        pytest.param(3.5, -1.0, Mode.TANGENT, id="half a metre before"),
+        pytest.param(3.79, -0.95, Mode.TANGENT, id="just outside of the radius"),
+        pytest.param(3.83, -0.95, Mode.BOUNDARY, id="just inside"),
+        pytest.param(4.0, -1.0, Mode.BOUNDARY, id="there"),
+        pytest.param(4.3, -0.5, Mode.BOUNDARY, id="passed half a metre beside it"),
+        pytest.param(3.7, -1.5, Mode.TANGENT, id="beside the way, not yet abeam"),
+        pytest.param(5.0, 2.0, Mode.BOUNDARY, id="passed far beside it"),
+    ],
+)
+def test_a_tangent_ends_at_its_target_or_beyond(x_m: float, y_m: float, mode: Mode) -> None:
+    """R2 -> R3: |T_m - p| < ē, or T_m has been passed, because a vehicle may orbit a point for ever."""
+    navigator = in_tangent(1, target_radius_m=0.2)
+    navigator.step(OPEN, replace(ORIGIN, x_m=x_m, y_m=y_m), 1.0)
+    assert mode_of(navigator) is mode
+    assert navigator.status.gamma == 1
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize(
+    ("d_m", "bearing_rad", "mode"),
+    [
+        pytest.param(0.99, 0.0, Mode.BOUNDARY, id="ahead at d_s"),
+        pytest.param(0.99, 0.9, Mode.BOUNDARY, id="ahead to the side"),
+        pytest.param(1.2, 0.0, Mode.TANGENT, id="ahead, further than d_s"),
+        pytest.param(0.99, QUARTER, Mode.TANGENT, id="passed by abeam"),
+        pytest.param(0.99, 3.0, Mode.TANGENT, id="behind"),
+    ],
+)
+def test_a_tangent_ends_where_a_boundary_comes_first(side: int, d_m: float, bearing_rad: float, mode: Mode) -> None:
+    """R2 -> R3 at a wall ahead that was not seen from the start: it is followed on the side where it is."""
+    bearing_rad = side * (bearing_rad or 1e-3)
+    navigator = in_tangent(-side)
+    navigator.step(wall_ahead(d_m, bearing_rad), replace(ORIGIN, x_m=2.0), 1.0)
+    assert mode_of(navigator) is mode
+    assert navigator.status.gamma == (side if mode is Mode.BOUNDARY else -side)
+
+
+def test_a_target_that_is_not_reached_is_given_up() -> None:
+    """R2 -> R1 after a reasonable time: the set factor times the straight flight, with a turn on the spot at most."""
+    navigator = in_tangent(1, target_timeout_factor=2.5)
+    straight_s = math.hypot(4.0, 1.0) / navigator.parameters.speed_mps
+    turn_s = math.pi / navigator.parameters.max_yaw_rate_radps
+    navigator.step(OPEN, ORIGIN, 2.5 * straight_s)
+    assert mode_of(navigator) is Mode.TANGENT
+    setpoint = navigator.step(OPEN, ORIGIN, 2.5 * (straight_s + turn_s) + 2.0)
+    assert mode_of(navigator) is Mode.CIRCLE
+    assert navigator.status.target is None
+    assert setpoint.speed_mps == 0.0
+
+
+# A4: R3 -> R2.
+
+
+def test_one_tangent_gets_one_draw() -> None:
+    """A tangent seen in twenty successive samples is one tangent, also when no pause hides the second sample."""
+    navigator = in_boundary(1, tangent_probability=NEVER, pause_s=0.0)
+    for i in range(20):
+        navigator.step(beside(1, edge_scan(-1)), replace(ORIGIN, x_m=0.025 * i), i * DT_S)
+    assert (navigator.status.draws, navigator.status.accepted) == (1, 0)
+    assert mode_of(navigator) is Mode.BOUNDARY
+
+
+@pytest.mark.parametrize("gamma", [-1, 1])
+def test_an_accepted_tangent_is_flown(gamma: int) -> None:
+    """A4: with probability p off along the tangent, with the new Γ and the new target."""
+    navigator = in_boundary(gamma, tangent_probability=ALWAYS)
+    navigator.step(beside(gamma, edge_scan(-gamma)), ORIGIN, 0.0)
+    status = navigator.status
+    assert (status.mode, status.gamma, status.draws, status.accepted) == (Mode.TANGENT, -gamma, 1, 1)
+
+
+def test_after_a_declined_draw_there_is_a_pause() -> None:
+    """The paper: a tangent point close after a declined one is ignored, a later one is not."""
+    navigator = in_boundary(1, tangent_probability=NEVER, pause_s=4.0)
+    look = beside(1, edge_scan(-1))
+    navigator.step(look, ORIGIN, 0.0)
+    # 3 m on it is another edge: further away than d_s from the first.
+    elsewhere = replace(ORIGIN, x_m=3.0)
+    navigator.step(look, elsewhere, 3.95)
+    assert navigator.status.draws == 1
+    navigator.step(look, elsewhere, 4.05)
+    assert navigator.status.draws == 2
+
+
+def test_a_tangent_that_comes_back_gets_a_new_draw() -> None:
+    """Coming round a second time is a second chance, or a way declined once would be closed for ever."""
+    navigator = in_boundary(1, tangent_probability=NEVER, pause_s=0.0)
+    edge, without = beside(1, edge_scan(-1)), beside(1)
+    navigator.step(edge, ORIGIN, 0.0)
+    navigator.step(without, ORIGIN, 1.0)
+    navigator.step(edge, ORIGIN, FORGET_TANGENT_S - 0.1)
+    assert navigator.status.draws == 1
+    navigator.step(without, ORIGIN, FORGET_TANGENT_S + 1.0)
+    navigator.step(edge, ORIGIN, 2.0 * FORGET_TANGENT_S)
+    assert navigator.status.draws == 2
+
+
+def test_a_jump_to_the_unknown_gets_no_draw() -> None:
+    """R3 -> R2 follows the same rule of edges as R1 -> R2: unknown is not free."""
+    navigator = in_boundary(1, tangent_probability=ALWAYS)
+    navigator.step(beside(1, edge_to_the_unknown(-1)), ORIGIN, 0.0)
+    assert (navigator.status.mode, navigator.status.draws) == (Mode.BOUNDARY, 0)
+
+
+#          pillar
+#          +----+                      followed on the right: wall A. Its own corner takes no draw, because following
+#     >    +----+                      A flies past it anyway; the pillar's does: to leave A for it is a decision.
+#  ====A====+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_the_edge_of_the_followed_wall_gets_no_draw(side: int) -> None:
+    """No coin is thrown for what is done either way, on either side."""
+    low, high = sorted((-side * 1.0, -side * 4.0))
+    corner = Scene(box(-30.0, -12.0, 30.0, 12.0), box(-20.0, low, 5.0, high))
+    navigator = in_boundary(-side, tangent_probability=ALWAYS)
+    track = fly(navigator, corner, ORIGIN, 8.0)
+    # The corner was there to be seen, with a free way past it, until it was abeam.
+    assert edges.find_edges(corner.scan(track.poses[0]), navigator.parameters) != []
+    assert edges.find_edges(corner.scan(track.poses[100]), navigator.parameters) != []
+    assert navigator.status.draws == 0
+    assert set(track.modes) == {Mode.BOUNDARY}
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_the_edge_of_another_wall_gets_its_draw(side: int) -> None:
+    """The same flight past a pillar on the other hand: one tangent, one draw, taken."""
+    low, high = sorted((side * 1.5, side * 5.0))
+    pillar = Scene(box(-30.0, -1.0 - 11.0 * (side < 0), 30.0, 1.0 + 11.0 * (side > 0)), box(5.0, low, 5.4, high))
+    navigator = in_boundary(-side, tangent_probability=ALWAYS)
+    track = fly(navigator, pillar, ORIGIN, 1.0)
+    assert (navigator.status.draws, navigator.status.accepted) == (1, 1)
+    assert track.modes[-1] is Mode.TANGENT
+    assert navigator.status.gamma == side
+
+
+# The probability.
+
+
+def share_taken(p: float, flights: int, seed: int) -> float:
+    """How often a tangent is taken, over flights that share one generator."""
+    rng = np.random.default_rng(seed)
+    taken = 0
+    for _ in range(flights):
+        navigator = in_boundary(1, rng=rng, tangent_probability=p)
+        navigator.step(beside(1, edge_scan(-1)), ORIGIN, 0.0)
+        assert navigator.status.draws == 1
+        taken += navigator.status.accepted
+    return taken / flights
+
+
+@pytest.mark.parametrize("p", [0.3, 0.7])
+def test_the_coin_falls_with_its_probability(p: float) -> None:
+    """A4 with choice: coin. A right coin fails this bound once in a million generators (4.9 standard deviations)."""
+    flights = 1000
+    share = share_taken(p, flights, seed=1)
+    assert abs(share - p) <= 4.9 * math.sqrt(p * (1.0 - p) / flights)
+
+
+def taken_at(draw: float, ways_m: list[float], monkeypatch: pytest.MonkeyPatch) -> bool:
+    """Whether a draw of that number takes the tangent when the ways (by tangent, by boundary) are so long."""
+    monkeypatch.setattr(KnownGround, "way_to_unseen_m", lambda *_: ways_m)
+    navigator = in_boundary(1, rng=Fixed(draw), choice="frontier", least_probability=0.1, tangent_probability=0.3)
+    navigator.step(beside(1, edge_scan(-1)), ORIGIN, 0.0)
+    assert navigator.status.draws == 1
+    return navigator.status.accepted == 1
+
+
+@pytest.mark.parametrize(
+    ("ways_m", "p"),
+    [
+        pytest.param([5.0, 50.0], 0.9, id="the tangent leads to unseen ground sooner"),
+        pytest.param([50.0, 5.0], 0.1, id="the boundary does"),
+        pytest.param([5.0, math.inf], 0.9, id="only the tangent does"),
+        pytest.param([math.inf, 5.0], 0.1, id="only the boundary does"),
+        pytest.param([20.0, 20.0], 0.3, id="both alike"),
+        pytest.param([20.0, 20.4], 0.3, id="a cell of difference does not decide"),
+        pytest.param([math.inf, math.inf], 0.3, id="neither does"),
+    ],
+)
+def test_the_frontier_choice_prefers_unseen_ground(
+    ways_m: list[float], p: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """choice: frontier draws with 1 - p_min, p_min or p, as the shorter way to unseen ground says."""
+    assert taken_at(p - 1e-9, ways_m, monkeypatch)
+    assert not taken_at(p + 1e-9, ways_m, monkeypatch)
+
+
+@compiled
+@given(seed=st.integers(0, 2**32 - 1), least=st.floats(0.01, 0.49), p=st.floats(0.01, 0.99))
+def test_both_outcomes_stay_possible_whatever_has_been_seen(seed: int, least: float, p: float) -> None:
+    """Theorem 1 needs 0 < p < 1: with any ground seen, a draw below p_min takes the tangent, one above 1 - p_min not.
+
+    A fixed p outside of [p_min, 1 - p_min] is the user's own, and stays what he set.
+    """
+    rng = np.random.default_rng(seed)
+    bounds = {"choice": "frontier", "least_probability": least, "tangent_probability": p}
+    seen = [random_scan(rng) for _ in range(3)]
+    places = rng.uniform(-20.0, 20.0, (3, 2))
+    for draw, taken in ((min(least, p) - 1e-9, 1), (max(1.0 - least, p) + 1e-9, 0)):
+        navigator = in_boundary(1, rng=Fixed(draw), **bounds)
+        ground = navigator._ground
+        for scan, (x_m, y_m) in zip(seen, places, strict=True):
+            ground.see(scan, replace(ORIGIN, x_m=float(x_m), y_m=float(y_m)))
+        navigator.step(beside(1, edge_scan(-1)), ORIGIN, 0.0)
+        assert (navigator.status.draws, navigator.status.accepted) == (1, taken)
+
+
+# Every mode against every event. R1 and R2 begin at ORIGIN with T_m at (4, -1); R3 follows a wall on its left there.
+
+
+@dataclasses.dataclass(frozen=True)
+class Event:
+    """What one tick brings."""
+
+    told: Measurement
+    pose: Pose = ORIGIN
+    t_s: float = 1.0
+
+
+EVENTS = {
+    "nothing in view": Event(OPEN),
+    "nothing in view for long": Event(OPEN, t_s=1000.0),
+    "wall beside": Event(beside(1)),
+    "wall beside for long": Event(beside(1), t_s=1000.0),
+    "an edge": Event(beside(1, edge_scan(-1))),
+    "an edge to the unknown": Event(beside(1, edge_to_the_unknown(-1))),
+    "wall ahead at d_s": Event(wall_ahead(0.95)),
+    "wall ahead within d_c": Event(wall_ahead(0.6)),
+    "at the target": Event(beside(1), pose=replace(ORIGIN, x_m=4.0, y_m=-1.0)),
+    "sensor lost": Event(replace(beside(1), missing=("depth",))),
+    "no scan": Event(replace(beside(1), scan=None)),
+    "d not finite": Event(replace(beside(1), d_m=math.nan)),
+    "pose not finite": Event(beside(1), pose=replace(ORIGIN, x_m=math.nan)),
+}
+
+C, T, B, H = Mode.CIRCLE, Mode.TANGENT, Mode.BOUNDARY, Mode.HOLD
+STANDS, FLIES = 0.0, 1.0
+
+AFTER: dict[str, dict[Mode, tuple[Mode, float]]] = {
+    #                            R1              R2              R3
+    "nothing in view":          {C: (C, STANDS), T: (T, FLIES), B: (B, FLIES)},
+    "nothing in view for long": {C: (C, STANDS), T: (C, STANDS), B: (C, STANDS)},
+    "wall beside":              {C: (C, STANDS), T: (T, FLIES), B: (B, FLIES)},
+    "wall beside for long":     {C: (C, STANDS), T: (C, STANDS), B: (B, FLIES)},
+    "an edge":                  {C: (T, FLIES), T: (T, FLIES), B: (T, FLIES)},
+    "an edge to the unknown":   {C: (C, STANDS), T: (T, FLIES), B: (B, FLIES)},
+    "wall ahead at d_s":        {C: (C, STANDS), T: (B, FLIES), B: (B, FLIES)},
+    "wall ahead within d_c":    {C: (C, STANDS), T: (B, STANDS), B: (B, STANDS)},
+    "at the target":            {C: (C, STANDS), T: (B, FLIES), B: (B, FLIES)},
+    "sensor lost":              {C: (H, STANDS), T: (H, STANDS), B: (H, STANDS)},
+    "no scan":                  {C: (H, STANDS), T: (H, STANDS), B: (H, STANDS)},
+    "d not finite":             {C: (H, STANDS), T: (H, STANDS), B: (H, STANDS)},
+    "pose not finite":          {C: (H, STANDS), T: (H, STANDS), B: (H, STANDS)},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("event", EVENTS)
+@pytest.mark.parametrize("mode", IN_MODE)
+def test_every_mode_answers_every_event(mode: Mode, event: str) -> None:
+    """The state machine as a table: the mode after the tick, and whether (12) lets the vehicle move."""
+    navigator = IN_MODE[mode](tangent_probability=ALWAYS)
+    tick = EVENTS[event]
+    setpoint = navigator.step(tick.told, tick.pose, tick.t_s)
+    expected, share = AFTER[event][mode]
+    assert mode_of(navigator) is expected
+    assert setpoint.speed_mps == share * navigator.parameters.speed_mps
+
+
+# The height.
+
+
+def test_the_height_law_sees_roof_slope_and_layer() -> None:
+    """(6) is fed with what it can use: a low roof, the ground's slope times the speed flown, H(t) of (11)."""
+    pose = Pose(0.0, 0.0, 0.0, 1.5, QUARTER, vy_mps=0.5)
+
+    def climb(height_m: float = 1.5, **changes: Any) -> float:
+        navigator = navigator_with(height_m=1.5)
+        navigator.height_m = height_m
+        return navigator.step(replace(OPEN, **changes), pose, 0.0).climb_mps
+
+    assert climb() == 0.0
+    assert climb(roof_m=0.3) < 0.0
+    assert climb(roof_m=5.0) == 0.0
+    # 0.5 m/s up a slope of 0.2, and down it; rounding of cos and sin.
+    assert climb(ground_slope=0.2) == pytest.approx(0.1, abs=1e-12)
+    assert climb(ground_slope=-0.2) == pytest.approx(-0.1, abs=1e-12)
+    assert climb(height_m=1.6) == pytest.approx(0.1, abs=1e-12)
+    assert climb(height_m=1.4) == pytest.approx(-0.1, abs=1e-12)
