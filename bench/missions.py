@@ -112,7 +112,7 @@ def main() -> None:
     lines = [summary(world, [row for row in rows if row["world"] == world], critical_margin_m) for world in worlds]
     print(f"preset {arguments.preset}, {arguments.vehicles} vehicle(s), camera {rows[0]['camera']}")
     print("low share: of the time below d_s - 0.15 m; below d_c: missions that ever were")
-    show(lines, list(max(lines, key=len)))
+    show(lines, list(max(lines, key=lambda line: len(line))))
     if arguments.json is not None:
         show(rows, [], arguments.json)
 

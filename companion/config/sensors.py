@@ -53,7 +53,7 @@ class BeamSettings(Section):
         (Beam.FRONT, Beam.LEFT, Beam.BACK, Beam.RIGHT, Beam.DOWN, Beam.UP),
         description="where the beams look: any of front, left, back, right, down, up; down is needed for the height",
     )
-    rate_hz: float = Field(20.0, ge=1.0, le=200.0, description="readings per second of each beam")
+    rate_hz: float = Field(10.0, ge=1.0, le=200.0, description="readings per second of each beam")
     max_range_m: float = Field(8.0, ge=1.0, le=100.0, description="longest range, in m")
     stale_after_s: float = Field(0.3, gt=0.0, le=2.0, description="a reading older than this does not count, in s")
 

@@ -20,8 +20,9 @@ from companion.model import HIT, UNKNOWN, FloatArray, Pose, Scan
 CELL_M = 0.5
 """Size of a cell: a fraction of any drift that a vehicle fits through, and few enough cells for a search in a tick."""
 
-LOOK_M = 5.0
-"""Ground counts as seen within this distance: a little less than where depth is still good enough for a map."""
+LOOK_FROM_M, LOOK_M = 2.0, 5.0
+"""Ground counts as seen between these distances. Nearer, floor and roof lie outside of a forward camera's picture, and
+what is only passed beside or in a turn stays unseen; further, depth is not good enough for a map."""
 
 FIRST_CELLS, MOST_CELLS = 256, 2048
 """Side of the grid at the start and at most, in cells: 128 m, doubled as needed up to 1 km. Ground outside of the
@@ -74,6 +75,7 @@ class KnownGround:
             scan.ranges_m / CELL_M,
             scan.state,
             scan.fresh,
+            LOOK_FROM_M / CELL_M,
             LOOK_M / CELL_M,
         )
 
@@ -139,6 +141,7 @@ def _see(
     ranges: FloatArray,
     state: NDArray[np.uint8],
     fresh: NDArray[np.bool_],
+    look_from: float,
     look: float,
 ) -> None:
     side = cells.shape[0]
@@ -149,7 +152,7 @@ def _see(
         dy = np.sin(yaw_rad + bearings[i])
         # Free up to half a cell before the obstacle, so that the cell of a wall does not become free at a slant.
         free = min(ranges[i] - 0.5, look) if state[i] == HIT else min(ranges[i], look)
-        distance = 0.0
+        distance = look_from
         while distance <= free:
             column, row = int(np.floor(x + distance * dx)), int(np.floor(y + distance * dy))
             if 0 <= row < side and 0 <= column < side and cells[row, column] == _UNSEEN:

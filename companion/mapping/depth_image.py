@@ -27,7 +27,12 @@ class ClearDepth(NamedTuple):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def clear_depth(
-    depth_m: NDArray[np.float32], lowest_m: float, limit_m: float, margin_m: float, noise_per_m: float
+    depth_m: NDArray[np.float32],
+    lowest_m: float,
+    limit_m: float,
+    margin_m: float,
+    noise_per_m: float,
+    clear: NDArray[np.float32],
 ) -> ClearDepth:
     """Depth up to which each pixel of a depth image has seen free space.
 
@@ -41,11 +46,11 @@ def clear_depth(
         limit_m: readings at or beyond it say "free up to here".
         margin_m: free space ends this far before a surface.
         noise_per_m: and as far again as the noise there: its standard deviation over the depth squared.
+        clear: (height, width) room for the result.
     """
     height, width = depth_m.shape
     tile_px = max(4, width // 40)
     rows, columns = (height + tile_px - 1) // tile_px, (width + tile_px - 1) // tile_px
-    clear = np.empty((height, width), np.float32)
     tile_min = np.full((rows, columns), np.inf, np.float32)
     tile_max = np.zeros((rows, columns), np.float32)
     lowest, limit = np.float32(lowest_m), np.float32(limit_m)

@@ -31,11 +31,19 @@ class Marks(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def mark_hits(depth_m: NDArray[np.float32], rays: Rays, box: Box) -> Marks:
-    """The voxels that hold the end point of some pixel of ``depth_m``, (height, width)."""
+def mark_hits(
+    depth_m: NDArray[np.float32], rays: Rays, box: Box, chunks: NDArray[np.int32], places: NDArray[np.int32]
+) -> Marks:
+    """The voxels that hold the end point of some pixel of a depth image.
+
+    Args:
+        depth_m: (height, width).
+        rays: from pixels to voxels.
+        box: the chunks around what the camera could see.
+        chunks: (height, width) room to work in.
+        places: the same.
+    """
     height, width = depth_m.shape
-    chunks = np.empty((height, width), np.int32)
-    places = np.empty((height, width), np.int32)
     clear = _end_points(depth_m, rays, box, chunks, places)
     slots = np.full(box.size_x * box.size_y * box.size_z, -1, np.int32)
     used, hit = _give_slots(chunks, slots)

@@ -108,7 +108,7 @@ def view_of(frame: DepthFrame, voxel_m: float, max_range_m: float) -> View:
     _refuse_not_finite("pose", pose, _POSE_FIELDS)
     _refuse_not_finite("camera", camera, _CAMERA_FIELDS)
     axes, origin_m = camera_to_world(camera, pose)
-    limit_m = min(max_range_m, camera.max_range_m)
+    limit_m = float(min(max_range_m, camera.max_range_m))
 
     # The ray of pixel (u, v) at depth 1 is base + u per_u + v per_v, in the world.
     per_u, per_v = axes[:, 1] / -camera.fx_px, axes[:, 2] / -camera.fy_px
@@ -119,19 +119,20 @@ def view_of(frame: DepthFrame, voxel_m: float, max_range_m: float) -> View:
     camera_m = origin_m - np.array([box.x, box.y, box.z]) * (EDGE * voxel_m)
     centre_m = 0.5 * voxel_m - camera_m
     forms: list[float] = []
-    for axis, scale in ((axes[:, 0], 1.0), (axes[:, 1], -float(camera.fx_px)), (axes[:, 2], -float(camera.fy_px))):
-        forms += [scale * float(axis @ centre_m), *(float(scale * voxel_m * part) for part in axis)]
+    for axis, scale in ((axes[:, 0], 1.0), (axes[:, 1], -camera.fx_px), (axes[:, 2], -camera.fy_px)):
+        forms += [float(scale * (axis @ centre_m)), *(float(scale * voxel_m * part) for part in axis)]
     ends: list[float] = []
     for axis_number in range(3):
         vectors = (camera_m, base, per_u, per_v)
         ends += [float(vector[axis_number]) / voxel_m for vector in vectors]
+    # Plain float and int throughout: for any other kind of number everything would be compiled once more, in flight.
+    edges = float(camera.cx_px) + 0.5, float(camera.cy_px) + 0.5
+    # A depth of zero is no measurement, whatever the camera's least range is.
+    lowest_m = float(max(camera.min_range_m, _LEAST_DEPTH_M))
     return View(
         box=box,
-        projection=Projection._make(
-            (*forms, camera.cx_px + 0.5, camera.cy_px + 0.5, camera.width_px, camera.height_px, limit_m)
-        ),
-        # A depth of zero is no measurement, whatever the camera's least range is.
-        rays=Rays._make((*ends, max(camera.min_range_m, _LEAST_DEPTH_M), limit_m)),
+        projection=Projection._make((*forms, *edges, int(camera.width_px), int(camera.height_px), limit_m)),
+        rays=Rays._make((*ends, lowest_m, limit_m)),
     )
 
 

@@ -19,6 +19,16 @@ from companion.model import DepthFrame, FloatArray
 _FIRST_CHUNKS = 64
 
 
+class _Room:
+    """Memory for one image, kept from frame to frame: taking it anew would cost more than the work."""
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self.depth_m = np.empty(shape, np.float32)
+        self.clear_m = np.empty(shape, np.float32)
+        self.chunks = np.empty(shape, np.int32)
+        self.places = np.empty(shape, np.int32)
+
+
 class VoxelMap:
     """A sparse map of voxels, which grows with what is seen. For one thread at a time.
 
@@ -34,6 +44,7 @@ class VoxelMap:
         self._steps = steps_of(settings)
         self._table = empty_table(_FIRST_CHUNKS)
         self._revision = 0
+        self._room = _Room((0, 0))
 
     @property
     def voxel_m(self) -> float:
@@ -66,10 +77,11 @@ class VoxelMap:
                 f"{camera.width_px} px wide"
             )
         view = view_of(frame, settings.voxel_m, settings.max_range_m)
-        depth_m = np.ascontiguousarray(frame.depth_m, np.float32)
-        marks = mark_hits(depth_m, view.rays, view.box)
+        room = self._room_for(frame.depth_m)
+        rays = view.rays
+        marks = mark_hits(room.depth_m, rays, view.box, room.chunks, room.places)
         clear = clear_depth(
-            depth_m, view.rays.lowest_m, view.rays.limit_m, settings.margin_m, settings.depth_noise_per_m
+            room.depth_m, rays.lowest_m, rays.limit_m, settings.margin_m, settings.depth_noise_per_m, room.clear_m
         )
 
         self._revision += 1
@@ -147,13 +159,20 @@ class VoxelMap:
         states = lookup.states_of(self._table.values[changed], self._steps.threshold)
         return MapSnapshot(self.voxel_m, self._revision, self._table.coords[changed], np.asarray(states))
 
+    def _room_for(self, depth_m: NDArray[np.float32]) -> _Room:
+        """The image in memory of our own: compiled code differs for memory that is read-only or of another layout."""
+        if self._room.depth_m.shape != depth_m.shape:
+            self._room = _Room(depth_m.shape)
+        self._room.depth_m[...] = depth_m
+        return self._room
+
     @property
     def _size(self) -> int:
         return int(self._table.size[0])
 
     def _points(self, points: NDArray[np.floating]) -> FloatArray:
         """The same points as the compiled functions take them; those beyond the grid are moved to its unused rim."""
-        points_m = np.ascontiguousarray(points, np.float64)
+        points_m = np.require(points, np.float64, ["C", "W"])
         if points_m.ndim != 2 or points_m.shape[1] != 3:
             raise ValueError(f"points have the shape {points_m.shape}, not (n, 3)")
         reach_m = (CHUNK_LIMIT - 1) * EDGE * self.voxel_m

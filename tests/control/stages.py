@@ -100,11 +100,8 @@ def random_scan(rng: np.random.Generator) -> Scan:
     """Walls, free and unknown ground in stretches."""
     stretch = np.searchsorted(np.sort(rng.integers(0, BINS, 12)), np.arange(BINS))
     state = rng.choice([HIT, HIT, CLEAR, UNKNOWN], 13)[stretch].astype(np.uint8)
-    ranges = np.where(
-        state == HIT,
-        rng.uniform(0.3, 9.8, 13)[stretch] + rng.uniform(0.0, 0.1, BINS),
-        np.where(state == CLEAR, 10.0, 0.0),
-    )
+    near = rng.uniform(0.3, 9.8, 13)[stretch] + rng.uniform(0.0, 0.1, BINS)
+    ranges = np.where(state == HIT, near, np.where(state == CLEAR, 10.0, 0.0))
     return Scan(BEARINGS_RAD.copy(), ranges, state, np.ones(BINS, np.bool_))
 
 

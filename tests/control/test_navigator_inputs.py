@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.model import CLEAR, HIT, UNKNOWN, Measurement, Mode, Pose, Scan
-from tests.control.scene import BINS
+from tests.control.scene import BINS, measurement
 from tests.control.stages import (
     DT_S,
     IN_MODE,
@@ -21,7 +21,9 @@ from tests.control.stages import (
     compiled,
     edge_scan,
     in_boundary,
+    navigator_with,
     random_scan,
+    two_walls,
 )
 
 # What is missing stops the vehicle.
@@ -64,6 +66,7 @@ def test_what_is_missing_or_not_finite_stops_the_vehicle(wrong: str, mode: Mode,
     ("told", "pose"),
     [
         pytest.param(replace(beside(1), d_bearing_rad=math.nan), ORIGIN, id="bearing of d"),
+        pytest.param(replace(beside(1), d_bearing_rad=math.inf), ORIGIN, id="infinite bearing of d"),
         pytest.param(replace(beside(1), d_front_m=math.nan), ORIGIN, id="d in front"),
         pytest.param(beside(1), replace(ORIGIN, vx_mps=math.nan), id="velocity"),
     ],
@@ -90,9 +93,16 @@ def test_what_is_not_finite_is_no_reason_to_climb(told: Measurement, pose: Pose)
     assert in_boundary(1).step(told, pose, 0.0).climb_mps == 0.0
 
 
+def test_an_edge_at_no_distance_is_no_crash() -> None:
+    """A HIT at range 0, which no sensor should give: T_m of (10) is then abeam, and nothing is divided by zero."""
+    navigator = navigator_with()
+    setpoint = navigator.step(measurement(two_walls(0.0, 9.0)), ORIGIN, 0.0)
+    assert 0.0 <= setpoint.speed_mps <= navigator.parameters.speed_mps
+
+
 nasty = st.none() | st.floats() | st.sampled_from([0.0, -1.0, 1e-300, 1e300, math.nan, math.inf, -math.inf])
 numbers = st.floats() | st.floats(-50.0, 50.0) | st.sampled_from([math.nan, math.inf, -math.inf])
-places = st.floats(-1e9, 1e9) | st.floats(-10.0, 10.0) | st.sampled_from([math.nan, math.inf, -math.inf])
+places = st.floats(-50.0, 50.0) | st.floats(-50.0, 50.0) | st.sampled_from([1e9, math.nan, math.inf, -math.inf])
 
 
 @st.composite

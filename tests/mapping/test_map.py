@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,10 @@ from hypothesis import strategies as st
 
 from companion.mapping import FREE, OCCUPIED, UNKNOWN, Mapper, MapSnapshot, VoxelMap
 from companion.mapping.chunks import OFFSETS, add_row, doubled, empty_table, find_row, is_full, place_of
-from companion.model import DepthFrame
+from companion.mapping.depth_image import clear_depth
+from companion.mapping.marks import mark_hits
+from companion.mapping.update import update_chunks
+from companion.model import DepthFrame, Pose
 from tests.mapping.scenes import EXACT, camera, contents, frame, pose, room_depth, voxel_numbers
 
 ROOM = np.array([-3.03, -2.51, -1.27]), np.array([4.13, 2.27, 1.61])
@@ -122,6 +126,26 @@ def test_points_of_single_precision_are_taken() -> None:
     centres = voxels.occupied()
     assert (voxels.classify(centres.astype(np.float32)) == OCCUPIED).all()
     assert voxels.occupied_near(centres.astype(np.float32)).all()
+
+
+def test_any_kind_of_image_is_taken_without_compiling_anew() -> None:
+    """Protects a flight from a pause of many seconds: read-only, strided and float64 images, and whole numbers.
+
+    Images from another process's memory are read-only; a camera may come from a file that says 10 instead of 10.0.
+    """
+    cam = camera(40, 30)
+    whole = replace(cam, fx_px=20, fy_px=20, max_range_m=10, min_range_m=np.float32(0.25), mount_x_m=0)
+    plain = np.full((30, 40), 2.05, np.float32)
+    frozen = plain.copy()
+    frozen.setflags(write=False)
+    wide = np.full((60, 80), 2.05, np.float32)[::2, ::2]
+    voxels = VoxelMap(EXACT)
+    voxels.integrate(DepthFrame(0.0, plain, cam, pose()))
+    compiled = [len(function.signatures) for function in (mark_hits, clear_depth, update_chunks)]
+    for depth in (frozen, wide, np.asfortranarray(plain), plain.astype(np.float64)):
+        report = voxels.integrate(DepthFrame(0.0, depth, whole, Pose(0, 0, 0, 0, 0)))  # type: ignore[arg-type]
+        assert report.pixels_hit == 30 * 40
+    assert [len(function.signatures) for function in (mark_hits, clear_depth, update_chunks)] == compiled
 
 
 def test_the_table_grows_without_losing_anything() -> None:

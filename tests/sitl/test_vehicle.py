@@ -140,7 +140,7 @@ def test_a_setpoint_works_at_the_latest_a_step_after_its_latency(latency_s: floa
 
 @pytest.mark.xfail(
     strict=True,
-    reason="bug: a step acts from its beginning on a setpoint that is due at its end, so that with the defaults, 0.05 s "
+    reason="bug: a step acts from its beginning on a setpoint that is due at its end: with the defaults, 0.05 s "
     "of latency and of period, there is no latency at all",
 )
 @pytest.mark.parametrize("latency_s", [0.05, 0.1, 0.3])
