@@ -14,7 +14,7 @@ from argparse import Namespace
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 
-from bench.table import Row, parser, show
+from bench.table import Row, parser, show, write
 
 WORLDS = ("complex", "slope", "room", "random:1", "random:2", "random:3")
 
@@ -51,8 +51,8 @@ def flown(arguments: Namespace) -> Iterator[Row]:
                 arguments.time_limit,
                 arguments.camera,
             ): (world, seed)
-            for world in arguments.worlds.split(",")
             for seed in range(1, arguments.seeds + 1)
+            for world in arguments.worlds.split(",")
         }
         for done, job in enumerate(as_completed(jobs), start=1):
             row = job.result()
@@ -107,14 +107,20 @@ def main() -> None:
     from companion.config.load import load_settings
 
     critical_margin_m = load_settings(None, arguments.preset).control.critical_margin_m
-    rows = sorted(flown(arguments), key=lambda row: (str(row["world"]), int(str(row["seed"]))))
+    rows: list[Row] = []
+    for row in flown(arguments):
+        rows.append(row)
+        if arguments.json is not None:
+            # Hours may go by: what has been flown is kept from now on.
+            write(rows, arguments.json)
+    rows.sort(key=lambda row: (str(row["world"]), int(str(row["seed"]))))
     worlds = dict.fromkeys(str(row["world"]) for row in rows)
     lines = [summary(world, [row for row in rows if row["world"] == world], critical_margin_m) for world in worlds]
     print(f"preset {arguments.preset}, {arguments.vehicles} vehicle(s), camera {rows[0]['camera']}")
     print("low share: of the time below d_s - 0.15 m; below d_c: missions that ever were")
-    show(lines, list(max(lines, key=lambda line: len(line))))
+    show(lines, max((list(line) for line in lines), key=len))
     if arguments.json is not None:
-        show(rows, [], arguments.json)
+        write(rows, arguments.json)
 
 
 def _camera(text: str) -> tuple[int, int, float]:

@@ -24,7 +24,12 @@ def show(rows: Sequence[Row], columns: Sequence[str], json_file: Path | None = N
     for line in [list(columns), ["-" * width for width in widths], *cells]:
         print("  ".join(text.rjust(width) for text, width in zip(line, widths, strict=True)))
     if json_file is not None:
-        json_file.write_text(json.dumps(list(rows), indent=2) + "\n", encoding="utf-8")
+        write(rows, json_file)
+
+
+def write(rows: Sequence[Row], json_file: Path) -> None:
+    """Write all that the rows hold."""
+    json_file.write_text(json.dumps(list(rows), indent=2) + "\n", encoding="utf-8")
 
 
 def _text(value: object) -> str:

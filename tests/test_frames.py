@@ -79,6 +79,11 @@ def test_wrapped_angles_are_in_the_half_open_turn(angle_rad: float) -> None:
     assert abs(math.remainder(wrapped - angle_rad, 2.0 * math.pi)) <= 1e-15 * turns
 
 
+def test_the_angle_next_to_half_a_turn_wraps_below_it() -> None:
+    """The number just below -π is rounded to a full turn by the modulo, and must not come out as π."""
+    assert -math.pi <= wrap_rad(math.nextafter(-math.pi, -4.0)) < math.pi
+
+
 @pytest.mark.parametrize(
     ("angle_rad", "wrapped_rad"),
     [

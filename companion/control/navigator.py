@@ -206,17 +206,22 @@ class Navigator:
         passed = (target.x_m - pose.x_m) * along_x + (target.y_m - pose.y_m) * along_y <= 0.0
         if to_go_m < self.parameters.target_radius_m or passed:
             self._enter(Mode.BOUNDARY, pose, t_s)
-        elif (
-            measurement.d_m is not None
-            and measurement.d_bearing_rad is not None
-            and measurement.d_m <= self.parameters.margin_m
-            and abs(measurement.d_bearing_rad) < OBSTACLE_AHEAD_RAD
-        ):
+        elif measurement.d_bearing_rad is not None and self._boundary_comes_first(measurement):
             if target.kind is not TargetKind.WALL:
                 self._gamma = 1 if measurement.d_bearing_rad > 0.0 else -1
             self._enter(Mode.BOUNDARY, pose, t_s)
         elif t_s - target.since_s > target.timeout_s:
             self._enter(Mode.CIRCLE, pose, t_s)
+
+    def _boundary_comes_first(self, measurement: Measurement) -> bool:
+        """Whether an obstacle at d_s lies ahead, or one well inside of d_s beside: R2 alone would not leave it."""
+        if measurement.d_m is None or measurement.d_bearing_rad is None:
+            return False
+        ahead_rad = abs(measurement.d_bearing_rad)
+        inside_m = 0.5 * (self.parameters.margin_m + self.parameters.critical_margin_m)
+        return (measurement.d_m <= self.parameters.margin_m and ahead_rad < OBSTACLE_AHEAD_RAD) or (
+            measurement.d_m <= inside_m and ahead_rad < math.pi / 2.0
+        )
 
     def _leave_boundary(self, measurement: Measurement, scan: Scan, pose: Pose, t_s: float) -> None:
         """R3 -> R2 with probability p at a tangent, one draw each; R3 -> R1 when there is no boundary any more."""

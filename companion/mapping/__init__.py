@@ -2,6 +2,9 @@
 
 `VoxelMap` runs where it is made. Whoever only needs to feed a map and to look at it takes a `Mapper`, so that the map
 can live in a process of its own: frames and snapshots are plain arrays.
+
+The compiled functions are kept in ``__pycache__``. Whoever changes one that is called from another file deletes these
+(``*.nbi``, ``*.nbc``): numba compiles anew only when the calling file has changed.
 """
 
 from __future__ import annotations

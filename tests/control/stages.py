@@ -33,9 +33,11 @@ class Fixed(np.random.Generator):
     def __init__(self, value: float) -> None:
         super().__init__(np.random.PCG64(0))
         self.value = value
+        self.draws = 0
 
     def random(self, *_: Any, **__: Any) -> Any:
         """That number."""
+        self.draws += 1
         return self.value
 
 

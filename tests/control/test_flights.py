@@ -38,6 +38,9 @@ from tests.control.stages import (
 
 # Flights.
 
+PERIOD_S = 0.1
+"""Sampling period of the paper's experiment (Table II), twice that of its simulation: half the time for a test."""
+
 
 def picture(track: Track, blocks: list[tuple[float, float, float, float]]) -> str:
     """The flight from above, north up, one character for half a metre: # rock, . R2, o R3, > where it began."""
@@ -68,7 +71,7 @@ def test_the_picture_of_both_signs(gamma: int, law: str) -> None:
     low, high = sorted((-gamma * 0.5, gamma * 3.5))
     block = (5.0, low, 8.0, high)
     scene = Scene(box(-40.0, -40.0, 40.0, 40.0), box(*block))
-    navigator = navigator_with(law=law, tangent_probability=NEVER)
+    navigator = navigator_with(period_s=PERIOD_S, law=law, tangent_probability=NEVER)
     track = fly(navigator, scene, ORIGIN, 60.0)
     sys.stdout.write(f"\nΓ = {gamma}, {law} law\n{picture(track, [block])}\n")
     modes = [mode for mode, before in zip(track.modes, [None, *track.modes[:-1]], strict=True) if mode != before]
@@ -112,7 +115,9 @@ def test_the_same_seed_flies_the_same_flight(choice: str) -> None:
     """Every decision comes from the generator that was handed in: a flight can be repeated from its seed alone."""
 
     def flight(seed: int) -> tuple[FloatArray, Any]:
-        navigator = navigator_with(seed, choice=choice, speed_law="governor", pause_s=1.0, tangent_probability=0.5)
+        navigator = navigator_with(
+            seed, period_s=PERIOD_S, choice=choice, speed_law="governor", pause_s=1.0, tangent_probability=0.5
+        )
         return columns(fly(navigator, MINE, ORIGIN, 25.0)), navigator.status
 
     first, status = flight(3)
@@ -132,12 +137,12 @@ def test_the_mirrored_world_is_flown_the_mirrored_way(speed_law: str) -> None:
     start = Pose(0.0, 0.0, -4.0, 1.5, 0.0)
     tracks = []
     for scene, at in ((MINE, start), (MINE.mirrored(), mirrored_pose(start))):
-        navigator = navigator_with(7, speed_law=speed_law, law="smooth", pause_s=1.0)
+        navigator = navigator_with(7, period_s=PERIOD_S, speed_law=speed_law, law="smooth", pause_s=1.0)
         tracks.append(fly(navigator, scene, at, 40.0))
     here, there = (columns(track) for track in tracks)
     assert tracks[0].modes == tracks[1].modes
     assert {Mode.TANGENT, Mode.BOUNDARY} <= set(tracks[0].modes)
-    # The smooth law forgets rounding rather than amplifying it: 800 steps of 1e-16 stay far below this.
+    # The smooth law forgets rounding rather than amplifying it: 400 steps of 1e-16 stay far below this.
     np.testing.assert_allclose(there * [1.0, -1.0, -1.0, 1.0, -1.0], here, atol=1e-9)
 
 
@@ -176,7 +181,7 @@ WALL_M = 200.0
 
 
 def noisy_wall_flight(law: str, seed: int) -> FloatArray:
-    """Yaw rates of a minute beside a straight wall, with the noise that the simulation gives its sensors."""
+    """Yaw rates of 40 s beside a straight wall, with the noise that the simulation gives its sensors."""
     noise, rng = NoiseSettings(), np.random.default_rng(seed)
     sideways, forward = noise.range_noise_m, noise.velocity_noise_mps
 
@@ -194,7 +199,7 @@ def noisy_wall_flight(law: str, seed: int) -> FloatArray:
         return replace(seen, d_m=seen.d_m + rng.normal(0.0, sideways), d_dot_mps=-closing_mps), told
 
     navigator = in_boundary(-1, law=law)
-    track = fly(navigator, Scene(box(-WALL_M, -1.0, WALL_M, WALL_M)), ORIGIN, 60.0, disturb=disturb)
+    track = fly(navigator, Scene(box(-WALL_M, -1.0, WALL_M, WALL_M)), ORIGIN, 40.0, disturb=disturb)
     assert set(track.modes) == {Mode.BOUNDARY}
     return track.yaw_rates_radps()
 
@@ -227,10 +232,10 @@ def test_the_smooth_law_chatters_less() -> None:
 def test_a_convex_room_is_left_to_the_wall_after_a_full_turn(seed: int) -> None:
     """R1 finds no tangent in a convex room: after one full turn and not before, off to the wall, and counted."""
     room = Scene(box(-3.0, -2.5, 3.0, 2.5))
-    navigator = navigator_with(seed, speed_law="governor")
+    navigator = navigator_with(seed, period_s=PERIOD_S, speed_law="governor", tangent_probability=NEVER)
     turn_s = 2.0 * math.pi / navigator.parameters.max_yaw_rate_radps
     # The last sample of the turn comes with the period after it; two periods cover the rounding of the sum.
-    before = fly(navigator, room, ORIGIN, turn_s - 2.0 * DT_S)
+    before = fly(navigator, room, ORIGIN, turn_s - 2.0 * PERIOD_S)
     assert set(before.modes) == {Mode.CIRCLE}
     assert navigator.status.extensions == 0
     after = fly(navigator, room, before.poses[-1], 90.0)

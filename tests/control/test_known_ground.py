@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from companion.control.known_ground import CELL_M, FIRST_CELLS, MOST_CELLS, KnownGround, WallFollowing
 from companion.model import Pose
-from tests.control.scene import Scene, box
+from tests.control.scene import Scene
 from tests.control.stages import compiled, random_scan
 
 EAST, WEST = 0.0, math.pi

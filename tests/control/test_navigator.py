@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -12,10 +13,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.control import TargetKind, edges
+from companion.control import Navigator, TargetKind, edges
 from companion.control.known_ground import KnownGround
 from companion.control.navigator import FORGET_TANGENT_S
-from companion.model import HIT, UNKNOWN, Measurement, Mode, Pose
+from companion.model import HIT, UNKNOWN, Measurement, Mode, Pose, wrap_rad
 from tests.control.scene import BEARINGS_RAD, Scene, box, fly, law_parameters, measurement
 from tests.control.stages import (
     ALWAYS,
@@ -329,6 +330,72 @@ def test_both_outcomes_stay_possible_whatever_has_been_seen(seed: int, least: fl
             ground.see(scan, replace(ORIGIN, x_m=float(x_m), y_m=float(y_m)))
         navigator.step(beside(1, edge_scan(-1)), ORIGIN, 0.0)
         assert (navigator.status.draws, navigator.status.accepted) == (1, taken)
+
+
+# Extensions: what the paper leaves open.
+
+
+def follow(navigator: Navigator, poses: Iterable[Pose]) -> list[Mode]:
+    """Modes along a way that is given, half a second a pose, with the wall on the left all the time."""
+    modes = []
+    for i, pose in enumerate(poses, start=1):
+        navigator.step(beside(1), pose, 0.5 * i)
+        modes.append(mode_of(navigator))
+    return modes
+
+
+def circle(laps: float) -> list[Pose]:
+    """From ORIGIN round a circle of 12.6 m to the right, a quarter of a metre a pose."""
+    angles = np.arange(1, round(laps * 50.0) + 1) * (2.0 * math.pi / 50.0)
+    return [
+        replace(ORIGIN, x_m=2.0 * math.sin(a), y_m=2.0 * (math.cos(a) - 1.0), yaw_rad=wrap_rad(-float(a)))
+        for a in angles
+    ]
+
+
+@pytest.mark.parametrize(("choice", "p"), [("coin", 0.3), ("frontier", 0.9)])
+def test_a_lap_round_a_boundary_is_a_decision(choice: str, p: float) -> None:
+    """A pillar without a tangent would be flown round for ever: after a lap, one draw, within [p_min, 1 - p_min]."""
+    law = {"choice": choice, "tangent_probability": 0.3, "least_probability": 0.1}
+    # A lap is closed within a metre of its beginning: 11.6 m of the 12.6 m at the earliest, 0.92 of it.
+    stays = in_boundary(1, rng=Fixed(p + 1e-9), **law)
+    leaves = in_boundary(1, rng=Fixed(p - 1e-9), **law)
+    assert set(follow(stays, circle(1.0))) == {Mode.BOUNDARY}
+    modes = follow(leaves, circle(1.0))
+    assert set(modes[: round(0.9 * 50)]) == {Mode.BOUNDARY}
+    assert modes[-1] is Mode.TANGENT
+    assert leaves.status.target is not None
+    assert leaves.status.target.kind is TargetKind.OPEN
+    assert (leaves.status.extensions, leaves.status.draws) == (1, 0)
+
+
+def test_a_lap_gets_one_draw() -> None:
+    """Three laps are three draws, not one for every sample near the place where they began."""
+    rng = Fixed(0.99)
+    navigator = in_boundary(1, rng=rng)
+    before = rng.draws
+    follow(navigator, circle(3.1))
+    assert rng.draws - before == 3
+
+
+def test_coming_back_along_the_other_wall_is_no_lap() -> None:
+    """Out along a drift and back is not round: the vehicle passes where it began, but the other way."""
+    rng = Fixed(0.99)
+    navigator = in_boundary(1, rng=rng)
+    before = rng.draws
+    out = [replace(ORIGIN, x_m=0.25 * i) for i in range(40)]
+    follow(navigator, [*out, *[replace(pose, yaw_rad=-math.pi) for pose in reversed(out)]])
+    assert rng.draws == before
+
+
+def test_turning_on_the_spot_for_long_is_left_for_open_ground() -> None:
+    """Where S has no room, narrower than 2·d_s, R3 turns for ever: after some turns off along the longest corridor."""
+    navigator = in_boundary(1)
+    modes = follow(navigator, [replace(ORIGIN, yaw_rad=wrap_rad(0.5 * i)) for i in range(80)])
+    # Two turns are 25 steps of half a radian: not before one turn, and well before the six that are flown here.
+    assert set(modes[:13]) == {Mode.BOUNDARY}
+    assert Mode.TANGENT in modes
+    assert navigator.status.extensions == 1
 
 
 # Every mode against every event. R1 and R2 begin at ORIGIN with T_m at (4, -1); R3 follows a wall on its left there.

@@ -134,7 +134,7 @@ def test_any_kind_of_image_is_taken_without_compiling_anew() -> None:
     Images from another process's memory are read-only; a camera may come from a file that says 10 instead of 10.0.
     """
     cam = camera(40, 30)
-    whole = replace(cam, fx_px=20, fy_px=20, max_range_m=10, min_range_m=np.float32(0.25), mount_x_m=0)
+    whole = replace(cam, fx_px=20, fy_px=20, max_range_m=10, min_range_m=0, mount_x_m=0)
     plain = np.full((30, 40), 2.05, np.float32)
     frozen = plain.copy()
     frozen.setflags(write=False)

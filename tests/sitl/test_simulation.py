@@ -22,7 +22,7 @@ from sitl.flight_log import COLUMNS
 from sitl.simulation import CHECK_PERIOD_S, SCORED_PERIOD_S, Progress, Simulation
 from sitl.worlds import World, load_world
 
-LIMIT_S = 12.0
+LIMIT_S = 30.0
 QUICK: dict[str, Any] = {
     "sensors": SensorSettings(camera=CameraSettings(width_px=64, height_px=48)),
     "mapping": MapSettings(voxel_m=0.3),
@@ -59,8 +59,14 @@ def flown(seed: int, settings: Settings = SETTINGS, limit_s: float = LIMIT_S, ve
 
 @pytest.fixture(scope="module")
 def mission() -> Simulation:
-    """Seed 1, one vehicle, twelve seconds."""
+    """Seed 1, one vehicle, half a minute: through all three modes."""
     return flown(1)
+
+
+@pytest.fixture(scope="module")
+def pair() -> Simulation:
+    """Two vehicles, four seconds."""
+    return flown(1, limit_s=4.0, vehicles=2)
 
 
 @pytest.fixture(scope="module")
@@ -150,6 +156,18 @@ class TestEnd:
         assert CHECK_PERIOD_S - 1e-6 <= stopped.t_s < CHECK_PERIOD_S + PERIOD_S
         assert stopped.score()["ended_because"] == "stopped by the user"
 
+    @pytest.mark.xfail(strict=True, reason="bug: the mean of no distances at all: a warning that the operator sees")
+    def test_the_user_may_stop_it_before_it_begins(self) -> None:
+        """Protects the score of a mission without a single tick: nothing is known then, and nothing is warned of."""
+
+        def stop(_progress: Progress) -> None:
+            raise KeyboardInterrupt
+
+        stopped = Simulation(room(), SETTINGS, 1)
+        stopped.run(60.0, stop)
+        score = stopped.score()
+        assert (score["sim_time_s"], score["least_d_m"], score["time_below_d_s_fraction"]) == (0.0, None, None)
+
 
 class TestProgress:
     """What is told on the way."""
@@ -159,7 +177,9 @@ class TestProgress:
         told: list[Progress] = []
         watched = Simulation(room(), SETTINGS, 1)
         watched.run(LIMIT_S, told.append)
-        assert [progress.t_s for progress in told] == pytest.approx([0.0, 5.0, 10.0], abs=PERIOD_S)
+        assert [progress.t_s for progress in told] == pytest.approx(
+            np.arange(0.0, LIMIT_S, CHECK_PERIOD_S), abs=PERIOD_S
+        )
         assert told[0].completeness == 0.0
         assert told[-1].completeness > 0.0
         assert all(progress.flights == watched.flights for progress in told)
@@ -177,23 +197,26 @@ class TestScore:
     """The figures, against the truth."""
 
     def test_completeness_and_missed_points_are_two_sides_of_one_thing(self, mission: Simulation) -> None:
-        """Protects the completeness: the share of visible points within one voxel of an occupied one."""
+        """Protects the completeness: the share of the visible surface within one voxel of an occupied one, by area."""
         occupied, samples = mission.merged_map().occupied(), mission.truth.samples_m
         apart = np.min([np.max(np.abs(samples - centre), axis=1) for centre in occupied], axis=0)
         # Within one voxel of an occupied voxel: no further from its middle than one and a half edges on any axis. What
         # lies on that border within a thousandth of a voxel may count either way.
         voxel_m = SETTINGS.mapping.voxel_m
         found = apart <= 1.5 * voxel_m
-        border = np.count_nonzero(np.abs(apart - 1.5 * voxel_m) < 1e-3 * voxel_m)
-        assert mission.completeness == pytest.approx(np.mean(found), abs=border / len(samples) + 1e-9)
-        assert len(mission.missed_m()) == round((1.0 - mission.completeness) * len(samples))
+        border = np.abs(apart - 1.5 * voxel_m) < 1e-3 * voxel_m
+        areas = mission.truth.sample_areas_m2.astype(np.float64) / mission.truth.sample_areas_m2.sum(dtype=np.float64)
+        assert mission.completeness == pytest.approx(areas[found].sum(), abs=areas[border].sum() + 1e-6)
+        missed = mission.missed_m()
+        assert abs(len(missed) - np.count_nonzero(~found)) <= np.count_nonzero(border)
+        assert {tuple(point) for point in samples[~found & ~border]} <= {tuple(point) for point in missed}
         assert 0.05 < mission.completeness < 0.95
 
     def test_the_true_distance_is_that_to_the_walls_of_the_room(self, mission: Simulation) -> None:
         """Protects d in the score: from the mesh, ten times a second, and not what the vehicle believed.
 
-        The room's six walls are known. The distance is the shortest of a fan of rays, which is longer than the true
-        one by no more than the secant of half the angle between two of them.
+        The room's six walls are known. The distance is the shortest of a fan of 72 rays: to a wall it is longer than
+        the true one by at most the secant of 2.5°; past the edge of the inner corner a ray may go further.
         """
         score = mission.score()
         (flight,) = mission.flights
@@ -202,12 +225,15 @@ class TestScore:
         assert np.isfinite(told[::every]).all()
         assert np.isnan(np.delete(told, np.s_[::every])).all()
         x, y, _ = flight.log.positions_m[::every].T
-        in_long_leg = np.minimum.reduce([x, 10.0 - x, y, np.where(x < 6.4, 3.6 - y, 7.0 - y)])
-        corner = np.hypot(6.4 - x, 3.6 - y)
-        left_of_short_leg = np.where(y > 3.6, x - 6.4, np.inf)
-        true = np.minimum.reduce([in_long_leg, corner, left_of_short_leg])
+        walls = np.minimum.reduce(
+            [x, 10.0 - x, y, np.where(x < 6.4, 3.6 - y, 7.0 - y), np.where(y > 3.6, x - 6.4, np.inf)]
+        )
+        true = np.minimum(walls, np.hypot(6.4 - x, 3.6 - y))
+        # Rays are float32.
         assert (told[::every] >= true - 1e-5).all()
-        assert (told[::every] <= true / math.cos(math.radians(5.0)) + 1e-5).all()
+        at_wall = walls == true
+        assert (told[::every][at_wall] <= true[at_wall] / math.cos(math.radians(2.5)) + 1e-5).all()
+        assert at_wall.any()
         assert score["least_d_m"] == pytest.approx(float(np.nanmin(told)), abs=5e-4)
 
     def test_the_share_of_time_below_the_margin_is_that_of_the_log(self, crash: Simulation) -> None:
@@ -276,10 +302,6 @@ class TestStart:
 
 class TestSeveral:
     """Several vehicles in one mine."""
-
-    @pytest.fixture(scope="class")
-    def pair(self) -> Simulation:
-        return flown(1, limit_s=4.0, vehicles=2)
 
     @pytest.mark.parametrize("seed", range(5))
     def test_they_start_apart(self, seed: int) -> None:
