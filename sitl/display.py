@@ -54,7 +54,7 @@ class Display:
             self._live.update(_table(progress, pace))
         elif wall_s >= self._next_line_s:
             self._next_line_s = wall_s + PLAIN_PERIOD_S
-            self._console.print(_line(progress, pace), highlight=False)
+            self._console.print(_line(progress, pace), highlight=False, soft_wrap=True)
 
 
 def _table(progress: Progress, pace: float) -> Table:

@@ -223,6 +223,17 @@ class TestLookAhead:
         scan = scan_of(extract.measure(observed(later(AT_START, SOON_S, x_m=0.3), None, DOWN)))
         assert scan.ranges_m[bin_at(0.2)] == pytest.approx(3.7, abs=EXACT_M)
 
+    def test_turning_and_moving_at_once(self) -> None:
+        """Protects the translation's frame: 0.5 m nearer to the wall that is now on the right, not 0.5 m beside it."""
+        extract = extractor()
+        extract.measure(observed(AT_START, [FLOOR, ROOF, wall_ahead(4.0)], DOWN))
+        pose = later(AT_START, SOON_S, x_m=0.5, yaw_rad=math.radians(90.0))
+        scan = scan_of(extract.measure(observed(pose, None, DOWN)))
+        b = bin_at(-90.0)
+        # Both bins beside -90° look half a bin beside the wall's nearest point.
+        assert (scan.state[b], scan.fresh[b]) == (HIT, True)
+        assert scan.ranges_m[b] == pytest.approx(3.5, abs=EXACT_M)
+
     def test_a_late_image_is_put_where_it_was_taken(self) -> None:
         """Protects against latency: the pose of the exposure counts, not that of the arrival."""
         pose = later(AT_START, 0.2, x_m=0.5)

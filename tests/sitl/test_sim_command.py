@@ -315,7 +315,7 @@ class TestInterrupted:
     """Ctrl-C, and failures on the way."""
 
     def test_ctrl_c_in_flight_keeps_what_is_mapped(self, tmp_path: Path) -> None:
-        """Protects an hour of flight: SIGINT to a real process ends with 130, and every file is whole, the report too."""
+        """Protects an hour of flight: SIGINT to a real process ends with 130, and all files are whole, report too."""
         (tmp_path / "quick.yaml").write_text(QUICK, encoding="utf-8")
         command = [
             *(sys.executable, "-c", COMPANION, "sim", "--world", "room", "--config", "quick.yaml", "--out", "flight"),
