@@ -8,6 +8,7 @@ Missing is ``None`` (or NaN inside a depth image), never zero.
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -197,4 +198,6 @@ class Setpoint:
 
 def wrap_rad(angle_rad: float) -> float:
     """The same angle in [-π, π)."""
-    return (angle_rad + np.pi) % (2.0 * np.pi) - np.pi
+    wrapped = (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
+    # The modulo rounds the number just below -π up to a full turn.
+    return wrapped if wrapped < math.pi else -math.pi

@@ -37,15 +37,21 @@ def new_folder(target: Path) -> Iterator[Path]:
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise InputError(f"--out {target}: exists already and is not an empty folder; give a new name")
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        partial = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
+        beside = target.resolve()
+        beside.parent.mkdir(parents=True, exist_ok=True)
+        partial = Path(tempfile.mkdtemp(prefix=f".{beside.name}.", dir=beside.parent))
     except OSError as error:
         raise InputError(f"--out {target}: {error.strerror}; give a folder that you may write") from None
     try:
         yield partial
-        # mkdtemp makes folders that only their owner may read.
-        partial.chmod(0o755)
-        partial.replace(target)
+        if target.is_dir():
+            # An empty folder that is there already may be a link, or where a shell stands: it is filled, not replaced.
+            for file in sorted(partial.iterdir()):
+                file.replace(target / file.name)
+        else:
+            # mkdtemp makes folders that only their owner may read.
+            partial.chmod(0o755)
+            partial.replace(target)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 

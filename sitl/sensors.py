@@ -133,7 +133,9 @@ class SensorRig:
         depth = self._renderer.render(true)
         if noise.enabled:
             spread = self._rng.standard_normal(depth.shape, np.float32)
-            dropped = self._rng.integers(0, depth.size, round(noise.depth_dropout_share * depth.size))
+            # Drawn with replacement: this many draws leave the configured share undrawn.
+            draws = -math.log1p(-noise.depth_dropout_share) * depth.size
+            dropped = self._rng.integers(0, depth.size, round(draws))
             _spoil(depth, spread, dropped, noise.depth_noise_per_m2)
         _hide_near(depth, self._camera.min_range_m)
         delay_s = noise.depth_latency_s if noise.enabled else 0.0

@@ -153,8 +153,8 @@ class Simulation:
             "path_length_m": round(sum(flight.vehicle.path_m for flight in self.flights), 2),
             "contacts": sum(flight.touched for flight in self.flights),
             "least_d_m": _rounded(float(np.min(true_d, initial=math.inf)), 3),
-            "time_below_d_s_fraction": _rounded(float(np.mean(true_d < margin_m)), 5),
-            "time_below_d_s_minus_15cm_fraction": _rounded(float(np.mean(true_d < margin_m - 0.15)), 5),
+            "time_below_d_s_fraction": _rounded(_mean(true_d < margin_m), 5),
+            "time_below_d_s_minus_15cm_fraction": _rounded(_mean(true_d < margin_m - 0.15), 5),
             "least_distance_between_vehicles_m": _rounded(self.least_apart_m, 3),
             "mode_changes": sum(state.mode_changes for state in states),
             "draws": sum(state.draws for state in states),
@@ -263,6 +263,10 @@ def start_poses(
         if len(poses) == vehicles:
             return poses
     raise InputError(f"world {world.name} has no room for {vehicles} vehicles to start")
+
+
+def _mean(values: NDArray[np.bool_]) -> float:
+    return float(np.mean(values)) if values.size else math.nan
 
 
 def _rounded(value: float, digits: int) -> float | None:

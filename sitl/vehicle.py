@@ -52,7 +52,8 @@ class Vehicle:
         """Move on by ``dt_s`` and return the new true pose."""
         settings, old = self._settings, self.pose
         t_s = old.t_s + dt_s
-        while self._pending and self._pending[0].t_s + settings.command_latency_s <= t_s:
+        # What falls due before the step's end acts in it. Half a microsecond: times are sums of periods.
+        while self._pending and self._pending[0].t_s + settings.command_latency_s < t_s - 5e-7:
             self._setpoint = self._pending.popleft()
         self._disturb(dt_s)
         gust_forward, gust_side, gust_climb = (float(x) for x in self._disturbance)

@@ -55,7 +55,7 @@ def tangent_target(
     """
     near_m = min(range_i_m, range_j_m)
     side = math.copysign(1.0, range_j_m - range_i_m)
-    bearing = (bearing_i_rad + bearing_j_rad) / 2.0 + math.atan(side * margin_m / near_m)
+    bearing = (bearing_i_rad + bearing_j_rad) / 2.0 + math.atan2(side * margin_m, near_m)
     return bearing, math.hypot(margin_m, near_m)
 
 

@@ -84,5 +84,5 @@ def governed_speed_mps(
     radius_m = max(left_m, right_m) if gamma is None else (left_m if gamma < 0 else right_m)
     turning_mps = radius_m * governor.turn_share * parameters.max_yaw_rate_radps
     braking_mps = braking_speed_mps(ahead_m - parameters.critical_margin_m, governor.reaction_s, governor.brake_mps2)
-    creep_mps = governor.least_speed_mps if ahead_m > keep_m else 0.0
+    creep_mps = governor.least_speed_mps if ahead_m > max(keep_m, parameters.critical_margin_m) else 0.0
     return min(speed_mps, max(creep_mps, min(turning_mps, braking_mps)))

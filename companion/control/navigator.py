@@ -36,6 +36,9 @@ SAME_WAY_M = 2.0
 """Ways to unseen ground that differ by less than this, four cells, do not decide."""
 
 
+ABSURD = 1e6
+"""No number that steers is larger, in m, m/s or rad: a NaN is not smaller either, so one comparison finds both."""
+
 LAP_M = 6.0
 """A closed boundary is longer than this: shorter ones are turns on the spot, which have a rule of their own."""
 
@@ -133,8 +136,7 @@ class Navigator:
         Whatever is missing or not finite stops the vehicle: a setpoint is always finite.
         """
         scan = measurement.scan
-        numbers = (pose.x_m, pose.y_m, pose.yaw_rad, measurement.d_m or 0.0, measurement.d_dot_mps or 0.0)
-        self._holding = bool(measurement.missing) or scan is None or not all(map(math.isfinite, numbers))
+        self._holding = bool(measurement.missing) or scan is None or not _is_finite(measurement, pose)
         climb = self._climb_mps(measurement, pose)
         if self._holding or scan is None:
             self._last_yaw_rad = None
@@ -181,9 +183,10 @@ class Navigator:
         if measurement.h_m is None or not math.isfinite(measurement.h_m):
             return 0.0
         ground_climb = 0.0
-        if self.parameters.climb_feed_forward and measurement.ground_slope is not None and not self._holding:
+        slope = measurement.ground_slope
+        if self.parameters.climb_feed_forward and slope is not None and math.isfinite(slope) and not self._holding:
             forward = pose.vx_mps * math.cos(pose.yaw_rad) + pose.vy_mps * math.sin(pose.yaw_rad)
-            ground_climb = forward * measurement.ground_slope
+            ground_climb = forward * slope
         return laws.climb_mps(self.height_m, measurement.h_m, measurement.roof_m, ground_climb, self.parameters)
 
     # The rules.
@@ -374,3 +377,10 @@ def _world(pose: Pose, bearing_rad: float, range_m: float) -> tuple[float, float
     """A point given in polar coordinates about the vehicle, in the world frame."""
     direction_rad = pose.yaw_rad + bearing_rad
     return pose.x_m + range_m * math.cos(direction_rad), pose.y_m + range_m * math.sin(direction_rad)
+
+
+def _is_finite(measurement: Measurement, pose: Pose) -> bool:
+    """Whether everything that steers can be a number; what is not known (None) may be, the laws have a rule for it."""
+    steering = (measurement.d_m, measurement.d_bearing_rad, measurement.d_front_m, measurement.d_dot_mps)
+    where = (pose.x_m, pose.y_m, pose.yaw_rad, pose.vx_mps, pose.vy_mps)
+    return all(value is None or abs(value) < ABSURD for value in (*steering, *where))

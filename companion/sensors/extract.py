@@ -33,8 +33,14 @@ FRONT_RAD = math.radians(135.0)
 POSE_STALE_S = 0.3
 """A pose older than this is missing: at 0.5 m/s the vehicle is 15 cm from where it says."""
 
+FARTHEST = 1e6
+"""No number of a pose is larger: a thousand kilometres away, or eleven days after the start."""
+
 NEAREST_NOISE_M, NEAREST_SPREAD_RAD = 0.05, math.radians(35.0)
 """Points this much further than the nearest, and no further round than this, are taken for as near as it."""
+
+FARTHEST_GROUND_M = 100.0
+"""No rangefinder of ours sees the ground from higher."""
 
 _SIDEWAYS = {Beam.FRONT: 0.0, Beam.LEFT: math.pi / 2.0, Beam.BACK: -math.pi, Beam.RIGHT: -math.pi / 2.0}
 
@@ -65,18 +71,20 @@ class Extractor:
             if reading.range_m is not None:
                 self._readings[reading.beam] = (reading, pose)
         h_m = self._height_m(pose, t_s)
-        if observation.frame is not None and h_m is not None:
+        if observation.frame is not None and h_m is not None and _is_finite(observation.frame.pose):
             h_then_m = h_m + observation.frame.pose.z_m - pose.z_m
-            self._ahead, self._ground_slope = look_ahead(
-                observation.frame, h_then_m, self._slab, self._settings.scan.bins
-            )
-            self._remember(self._ahead)
-        if observation.planar is not None:
+            # A jump of the estimate can put the vehicle below the ground: that frame says nothing.
+            if 0.0 < h_then_m < FARTHEST_GROUND_M:
+                self._ahead, self._ground_slope = look_ahead(
+                    observation.frame, h_then_m, self._slab, self._settings.scan.bins
+                )
+                self._remember(self._ahead)
+        if observation.planar is not None and _is_finite(observation.planar.pose):
             self._around = planar_look(observation.planar, self._settings.scan.bins)
             self._remember(self._around)
         looks = [look for look in (self._ahead, self._around) if look is not None and self._is_fresh(look, t_s)]
         missing = self._missing(pose, t_s, h_m, looks)
-        scan = self._scan(looks, pose, t_s) if looks and math.isfinite(pose.x_m + pose.y_m + pose.yaw_rad) else None
+        scan = self._scan(looks, pose, t_s) if looks and _is_finite(pose) else None
         d_m, d_bearing_rad = _nearest(scan, math.pi) if scan else (None, None)
         return Measurement(
             t_s=t_s,
@@ -101,8 +109,7 @@ class Extractor:
             missing.append("depth")
         if h_m is None:
             missing.append("height")
-        numbers = (pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad, pose.vx_mps, pose.vy_mps)
-        if not 0.0 <= t_s - pose.t_s <= POSE_STALE_S or not all(map(math.isfinite, numbers)):
+        if not 0.0 <= t_s - pose.t_s <= POSE_STALE_S or not _is_finite(pose):
             missing.append("pose")
         return tuple(missing)
 
@@ -112,9 +119,11 @@ class Extractor:
         if reading is None or not 0.0 <= t_s - reading.t_s <= self._settings.beams.stale_after_s:
             return None
         range_m = reading.range_m
-        if range_m is None or not math.isfinite(range_m) or not 0.0 < range_m < reading.max_range_m:
+        if range_m is None or not 0.0 < range_m < reading.max_range_m or not _is_finite(pose):
             return None
-        return range_m * math.cos(pose.pitch_rad) * math.cos(pose.roll_rad)
+        level_m = range_m * math.cos(pose.pitch_rad) * math.cos(pose.roll_rad)
+        # Upside down a beam says nothing of the ground.
+        return level_m if level_m > 0.0 else None
 
     def _height_m(self, pose: Pose, t_s: float) -> float | None:
         """H (paper Definition 3.7), tilt compensated, carried on by the climb since the reading."""
@@ -167,8 +176,7 @@ class Extractor:
             if reading.range_m is not None and reading.range_m >= reading.max_range_m and scan.state[b] == UNKNOWN:
                 scan.ranges_m[b], scan.state[b], scan.fresh[b] = reading.max_range_m, CLEAR, True
             return
-        if reading.t_s == t_s:
-            self._memory.remember(read_at, np.array([bearing_rad]), np.array([range_m]), t_s)
+        self._memory.remember(read_at, np.array([bearing_rad]), np.array([range_m]), reading.t_s)
         if scan.state[b] != HIT or range_m < scan.ranges_m[b]:
             scan.ranges_m[b], scan.state[b], scan.fresh[b] = range_m, HIT, True
 
@@ -177,7 +185,8 @@ def planar_look(planar: PlanarScan, bins: int) -> Look:
     """A planar scan as a look: the nearest ray of each bearing bin; CLEAR where all its rays saw nothing near."""
     ranges, state = np.zeros(bins), np.full(bins, UNKNOWN, np.uint8)
     index = ((planar.bearings_rad + np.pi) / (2.0 * np.pi) * bins).astype(np.int64) % bins
-    measured = np.isfinite(planar.ranges_m) | (planar.ranges_m == np.inf)
+    # Many scanners say 0 for no return: it is no obstacle at 0 m.
+    measured = planar.ranges_m > 0.0
     nearest = np.full(bins, np.inf)
     np.minimum.at(nearest, index[measured], planar.ranges_m[measured])
     looked = np.zeros(bins, np.bool_)
@@ -261,3 +270,9 @@ def _closing(pose: Pose, bearing_rad: float) -> float:
     """Rate of the distance to a static point at that bearing: for a wall ahead at speed v it is -v·cos α*."""
     direction_rad = pose.yaw_rad + bearing_rad
     return -(pose.vx_mps * math.cos(direction_rad) + pose.vy_mps * math.sin(direction_rad))
+
+
+def _is_finite(pose: Pose) -> bool:
+    """Whether every number of a pose can be one: points carried by a NaN would be remembered and spread."""
+    place = (pose.t_s, pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad, pose.roll_rad, pose.pitch_rad)
+    return all(abs(value) < FARTHEST for value in (*place, pose.vx_mps, pose.vy_mps))

@@ -82,7 +82,7 @@ def _remember(
     max_distance_m: float,
 ) -> None:
     for i in range(bearings.size):
-        if ranges[i] > max_distance_m:
+        if not ranges[i] <= max_distance_m:
             continue
         x = x_m + ranges[i] * np.cos(yaw_rad + bearings[i])
         y = y_m + ranges[i] * np.sin(yaw_rad + bearings[i])

@@ -131,24 +131,21 @@ def test_a_jump_to_clear_counts() -> None:
     assert edge.gamma == 1
 
 
+@pytest.mark.parametrize("stale_m", [0.0, 9.0])
 @pytest.mark.parametrize("side", [-1, 1])
-def test_a_jump_to_unknown_does_not_count(side: int) -> None:
-    """Nobody looked there, so nobody knows that there is a way."""
-    assert find_edges(two_walls(*((4.0, math.nan) if side < 0 else (math.nan, 4.0))), LAW) == []
-
-
-def test_a_jump_from_clear_does_not_count() -> None:
-    """Two range limits that meet (camera and beam) are no obstacle's edge: only a HIT is."""
-    scan = two_walls(4.0, 9.0)
-    scan.state[BEARINGS_RAD < 0.0] = CLEAR
+def test_a_jump_to_unknown_does_not_count(side: int, stale_m: float) -> None:
+    """Nobody looked there, so nobody knows that there is a way, whatever number may stand in the range."""
+    scan = two_walls(*((4.0, math.nan) if side < 0 else (math.nan, 4.0)))
+    scan.ranges_m[scan.state == UNKNOWN] = stale_m
     assert find_edges(scan, LAW) == []
 
 
-def test_a_smooth_wall_has_no_edge() -> None:
-    """The printed rule |r_i - r_{i+1}| < r̄ would hold for every pair of these."""
-    room = Scene(box(-4.0, -4.0, 4.0, 4.0))
-    for degrees in range(0, 90, 7):
-        assert find_edges(room.scan(Pose(0.0, 1.0, 2.0, 1.5, math.radians(degrees))), LAW) == []
+@pytest.mark.parametrize("width", [1, 5, AHEAD])
+def test_a_jump_from_clear_does_not_count(width: int) -> None:
+    """Two range limits that meet (camera and beam) are no obstacle's edge: only a HIT is."""
+    scan = two_walls(4.0, 9.0)
+    scan.state[AHEAD - width : AHEAD] = CLEAR
+    assert find_edges(scan, LAW) == []
 
 
 @compiled
@@ -334,19 +331,23 @@ def test_a_corridor_is_free_or_not_alike_in_the_mirror(
 # The edge of the wall that is being followed.
 
 
-#     ------------+            the drift's wall on the right ends at a corner: following it leads round that corner
-#      >          |            anyway, T lies on the way there
-#    =====wall====+   T
-#                 |
+#                               a wall on the right that ends at a corner: following it leads round that corner anyway,
+#      >     . . . . T          T lies on the way there
+#      +===wall===+
 @pytest.mark.parametrize("side", [-1, 1])
-def test_the_end_of_the_followed_wall_lies_along_the_boundary(side: int) -> None:
-    """A tangent that following the wall flies anyway is no decision."""
+@pytest.mark.parametrize("heading_rad", [0.0, 0.5])
+def test_the_end_of_the_followed_wall_lies_along_the_boundary(side: int, heading_rad: float) -> None:
+    """A tangent that following the wall flies anyway is no decision, however the vehicle points just now."""
     low, high = sorted((-side * 1.0, -side * 4.0))
-    scene = Scene(box(-30.0, -12.0, 30.0, 12.0), box(-20.0, low, 5.0, high))
-    scan = scene.scan(Pose(0.0, 0.0, 0.0, 1.5, 0.0))
-    # The wall's own corner is at 5 m ahead, d_s beside the vehicle's way: the target is straight ahead, (5, 0).
-    corner = Edge(-side * math.atan2(1.0, 5.0), math.hypot(5.0, 1.0), 0.0, 5.0, -side)
-    assert lies_along_boundary(scan, corner, LAW.margin_m)
+    scene = Scene(box(-30.0, -12.0, 30.0, 12.0), box(0.0, low, 5.0, high))
+    yaw_rad = side * heading_rad
+    scan = scene.scan(Pose(0.0, 0.0, 0.0, 1.5, yaw_rad))
+    # The wall's own corner is at 5 m ahead, d_s beside the vehicle's way: the target is at (5, 0) in the world.
+    near_rad = -side * math.atan2(1.0, 5.0) - yaw_rad
+    assert lies_along_boundary(scan, Edge(near_rad, math.hypot(5.0, 1.0), -yaw_rad, 5.0, -side), LAW.margin_m)
+    # Nothing is there to be followed the other way, nor on the other hand.
+    for elsewhere_rad in (math.pi - yaw_rad, side * 1.0 - yaw_rad):
+        assert not lies_along_boundary(scan, Edge(near_rad, 5.0, elsewhere_rad, 5.0, -side), LAW.margin_m)
 
 
 @pytest.mark.parametrize("side", [-1, 1])

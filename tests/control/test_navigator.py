@@ -152,15 +152,33 @@ def test_a_tangent_ends_at_its_target_or_beyond(x_m: float, y_m: float, mode: Mo
         pytest.param(1.2, 0.0, Mode.TANGENT, id="ahead, further than d_s"),
         pytest.param(0.99, QUARTER, Mode.TANGENT, id="passed by abeam"),
         pytest.param(0.99, 3.0, Mode.TANGENT, id="behind"),
+        pytest.param(0.75, 1.4, Mode.BOUNDARY, id="well inside of d_s, just before abeam"),
+        pytest.param(0.75, 1.8, Mode.TANGENT, id="well inside of d_s, but past it"),
     ],
 )
 def test_a_tangent_ends_where_a_boundary_comes_first(side: int, d_m: float, bearing_rad: float, mode: Mode) -> None:
-    """R2 -> R3 at a wall ahead that was not seen from the start: it is followed on the side where it is."""
+    """R2 -> R3 at a wall that was not seen from the start: it is followed on the side where it is."""
     bearing_rad = side * (bearing_rad or 1e-3)
     navigator = in_tangent(-side)
     navigator.step(wall_ahead(d_m, bearing_rad), replace(ORIGIN, x_m=2.0), 1.0)
     assert mode_of(navigator) is mode
     assert navigator.status.gamma == (side if mode is Mode.BOUNDARY else -side)
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_the_governor_turns_towards_the_target_before_it_flies(side: int) -> None:
+    """R2 with the governor: at the set speed when the target is ahead, slower the more it is abeam, never away."""
+    speeds = []
+    for degrees in (0.0, 40.0, 80.0, 120.0, 170.0):
+        navigator = in_tangent(1, speed_law="governor")
+        yaw_rad = wrap_rad(-math.atan2(1.0, 4.0) - side * math.radians(degrees))
+        setpoint = navigator.step(OPEN, replace(ORIGIN, yaw_rad=yaw_rad), DT_S)
+        speeds.append(setpoint.speed_mps)
+        assert setpoint.yaw_rate_radps * side >= 0.0
+    assert speeds[0] == navigator.parameters.speed_mps
+    assert speeds == sorted(speeds, reverse=True)
+    assert len(set(speeds)) == 4
+    assert speeds[-1] == 0.0
 
 
 def test_a_target_that_is_not_reached_is_given_up() -> None:
@@ -230,6 +248,17 @@ def test_a_jump_to_the_unknown_gets_no_draw() -> None:
     assert (navigator.status.mode, navigator.status.draws) == (Mode.BOUNDARY, 0)
 
 
+@pytest.mark.parametrize(("state", "range_m"), [(UNKNOWN, 0.0), (HIT, 2.0)])
+def test_a_tangent_without_a_free_corridor_gets_no_draw(state: np.uint8, range_m: float) -> None:
+    """Definition 3.4 holds in R3 as in R1, and what cannot be flown is no decision."""
+    scan = two_walls(4.0, 9.0)
+    inside = int(np.argmin(np.abs(BEARINGS_RAD - math.atan2(1.0, 4.0))))
+    scan.state[inside], scan.ranges_m[inside] = state, range_m
+    navigator = in_boundary(1, tangent_probability=ALWAYS)
+    navigator.step(beside(1, scan), ORIGIN, 0.0)
+    assert (navigator.status.mode, navigator.status.draws) == (Mode.BOUNDARY, 0)
+
+
 #          pillar
 #          +----+                      followed on the right: wall A. Its own corner takes no draw, because following
 #     >    +----+                      A flies past it anyway; the pillar's does: to leave A for it is a decision.
@@ -258,6 +287,19 @@ def test_the_edge_of_another_wall_gets_its_draw(side: int) -> None:
     assert (navigator.status.draws, navigator.status.accepted) == (1, 1)
     assert track.modes[-1] is Mode.TANGENT
     assert navigator.status.gamma == side
+
+
+#    ====B====+
+#     >                     a drift just 2·d_s wide: T beside the end of B lies on the way along A, but to have B on
+#    ====A================  the left from there on is another way round
+@pytest.mark.parametrize("side", [-1, 1])
+def test_the_end_of_the_opposite_wall_gets_its_draw(side: int) -> None:
+    """A tangent along the boundary is a decision all the same when it changes the side (Γ)."""
+    (a_low, a_high), (b_low, b_high) = sorted((-side * 1.0, -side * 4.0)), sorted((side * 1.0, side * 4.0))
+    drift = Scene(box(-20.0, a_low, 40.0, a_high), box(-20.0, b_low, 5.0, b_high))
+    navigator = in_boundary(-side, tangent_probability=ALWAYS)
+    navigator.step(drift.measure(ORIGIN), ORIGIN, 0.0)
+    assert (navigator.status.draws, navigator.status.gamma) == (1, side)
 
 
 # The probability.

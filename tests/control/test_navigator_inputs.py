@@ -173,3 +173,10 @@ def test_a_setpoint_is_always_finite_and_within_its_limits(
         assert 0.0 <= setpoint.speed_mps <= limits.speed_mps
         assert abs(setpoint.yaw_rate_radps) <= limits.max_yaw_rate_radps
         assert abs(setpoint.climb_mps) <= limits.max_climb_mps
+
+
+def test_a_pose_beyond_all_bounds_is_no_crash() -> None:
+    """A finite but absurd estimate has no cell in the known ground: it stops the vehicle as a NaN does."""
+    navigator = in_boundary(1, choice="frontier")
+    navigator.step(beside(1, edge_scan(-1)), replace(ORIGIN, y_m=5e18), 0.0)
+    assert navigator.status.mode is Mode.HOLD

@@ -375,11 +375,6 @@ FALSE_GROUND = [
 """Distance of walls ahead, left and right, pitch and roll in degrees, yaw in rad: drawn among a hundred as harmless."""
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="bug: a wall that crosses from one cell of the ground profile into the next half way up is taken for "
-    "ground, which lifts the slab, so that the floor before the wall becomes an obstacle",
-)
 @pytest.mark.parametrize(("ahead_m", "left_m", "right_m", "pitch_deg", "roll_deg", "yaw_rad"), FALSE_GROUND)
 def test_the_foot_of_a_wall_is_not_climbed(
     ahead_m: float, left_m: float, right_m: float, pitch_deg: float, roll_deg: float, yaw_rad: float

@@ -90,7 +90,6 @@ def test_several_rays_in_one_bin(rays: list[float], state: np.uint8, range_m: fl
     assert np.count_nonzero(seen.covered) == (state != UNKNOWN)
 
 
-@pytest.mark.xfail(strict=True, reason="bug: 0, which many scanners give for no return, becomes an obstacle at 0 m")
 @pytest.mark.parametrize("range_m", [0.0, -1.0])
 def test_a_range_that_cannot_be_is_no_measurement(range_m: float) -> None:
     """Protects the vehicle from stopping before nothing: no surface is at 0 m or behind the ray's beginning."""

@@ -394,9 +394,6 @@ class TestNewFolder:
             assert not (tmp_path / "flight").exists()
         assert (tmp_path / "flight").is_dir()
 
-    @pytest.mark.xfail(
-        strict=True, reason="bug: the folder cannot take the name in the end, and then what was flown is deleted"
-    )
     def test_the_present_folder_may_be_meant(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """Protects `--out .` in an empty folder: refused before the flight or filled after it, never lost."""
         monkeypatch.chdir(tmp_path)
@@ -404,9 +401,6 @@ class TestNewFolder:
             (folder / "file").touch()
         assert (tmp_path / "file").exists()
 
-    @pytest.mark.xfail(
-        strict=True, reason="bug: the folder cannot take the name in the end, and then what was flown is deleted"
-    )
     def test_a_link_to_an_empty_folder_may_be_meant(self, tmp_path: Path) -> None:
         """Protects a link to another disk: refused before the flight or filled after it, never lost."""
         (tmp_path / "disk").mkdir()

@@ -156,7 +156,6 @@ class TestEnd:
         assert CHECK_PERIOD_S - 1e-6 <= stopped.t_s < CHECK_PERIOD_S + PERIOD_S
         assert stopped.score()["ended_because"] == "stopped by the user"
 
-    @pytest.mark.xfail(strict=True, reason="bug: the mean of no distances at all: a warning that the operator sees")
     def test_the_user_may_stop_it_before_it_begins(self) -> None:
         """Protects the score of a mission without a single tick: nothing is known then, and nothing is warned of."""
 

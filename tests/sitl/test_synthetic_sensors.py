@@ -254,12 +254,7 @@ class TestNoise:
         [
             0.0,
             0.02,
-            pytest.param(
-                0.3,
-                marks=pytest.mark.xfail(
-                    strict=True, reason="bug: pixels are drawn with replacement: of 0.3 it makes 1 - exp(-0.3) = 0.26"
-                ),
-            ),
+            pytest.param(0.3),
         ],
     )
     def test_the_configured_share_of_pixels_is_missing(self, share: float) -> None:

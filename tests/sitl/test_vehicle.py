@@ -138,11 +138,6 @@ def test_a_setpoint_works_at_the_latest_a_step_after_its_latency(latency_s: floa
         assert moves_at_s(latency_s, dt_s) <= latency_s + dt_s + EXACT
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="bug: a step acts from its beginning on a setpoint that is due at its end: with the defaults, 0.05 s "
-    "of latency and of period, there is no latency at all",
-)
 @pytest.mark.parametrize("latency_s", [0.05, 0.1, 0.3])
 def test_a_setpoint_does_not_work_before_its_latency(latency_s: float) -> None:
     """Protects the latency from being none: in the steps that end before it or at it nothing has moved."""
