@@ -39,8 +39,11 @@ SAME_WAY_M = 2.0
 ABSURD = 1e6
 """No number that steers is larger, in m, m/s or rad: a NaN is not smaller either, so one comparison finds both."""
 
-LAP_M = 6.0
+LAP_M = 8.0
 """A closed boundary is longer than this: shorter ones are turns on the spot, which have a rule of their own."""
+
+LAP_SETTLED_M = 2.0
+"""A lap begins this far into R3, when the vehicle flies along the wall that it came to."""
 
 LAP_CLOSED_M, LAP_CLOSED_RAD = 1.0, math.radians(60.0)
 """The vehicle has come round when it is as near as this to where it began to follow, heading the same way."""
@@ -270,11 +273,15 @@ class Navigator:
         else:
             self._lap_m += math.hypot(pose.x_m - self._last_pose.x_m, pose.y_m - self._last_pose.y_m)
         self._last_pose = pose
+        if self._lap_m < LAP_SETTLED_M:
+            # It comes to the wall at any angle, and will not pass here like that again.
+            self._lap_start = pose
+            return False
         apart_m = math.hypot(pose.x_m - self._lap_start.x_m, pose.y_m - self._lap_start.y_m)
         turned_rad = abs(wrap_rad(pose.yaw_rad - self._lap_start.yaw_rad))
         if self._lap_m < LAP_M or apart_m > LAP_CLOSED_M or turned_rad > LAP_CLOSED_RAD:
             return False
-        self._lap_start, self._lap_m = pose, 0.0
+        self._lap_start, self._lap_m = pose, LAP_SETTLED_M
         return True
 
     def _lap_probability(self) -> float:
