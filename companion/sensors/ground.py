@@ -116,8 +116,11 @@ def ground_profiles(
             if not in_view or second[s, c] == np.inf:
                 continue
             step = low_at[s, c] - known_at
-            if abs(second[s, c] - known) <= max_slope * step + STEP_TOLERANCE_M and _line_was_seen(
-                points[s], known_at, known, low_at[s, c], second[s, c], lowest_tangent, h_m + rise_m
+            possible = abs(second[s, c] - known) <= max_slope * step + STEP_TOLERANCE_M
+            # Asked of the first ground only: later a grazing ramp may well show in every other cell.
+            if possible and (
+                known_at > 0.0
+                or _line_was_seen(points[s], known, low_at[s, c], second[s, c], lowest_tangent, h_m + rise_m)
             ):
                 profile[s, c] = second[s, c]
                 # Cells between the last ground and this one lie on the straight line between them.
@@ -138,22 +141,16 @@ def ground_profiles(
 
 @njit(cache=True, nogil=True)
 def _line_was_seen(
-    points: NDArray[np.int32],
-    from_at: float,
-    from_z: float,
-    to_at: float,
-    to_z: float,
-    lowest_tangent: float,
-    floor_of_levels: float,
+    points: NDArray[np.int32], from_z: float, to_at: float, to_z: float, lowest_tangent: float, floor_of_levels: float
 ) -> bool:
-    """Whether the ground between two of its points shows wherever it would have to be in view.
+    """Whether the ground from below the vehicle to the first that is seen shows wherever it would have to be in view.
 
     The upper part of a wall whose foot is below the picture lies at the slope of a steep ramp too, but then the cells
     on the way to it are empty where the ramp would be.
     """
-    for k in range(int(from_at / STEP_M) + 1, int(to_at / STEP_M)):
+    for k in range(1, int(to_at / STEP_M)):
         at = (k + 0.5) * STEP_M
-        z = from_z + (to_z - from_z) * (at - from_at) / max(to_at - from_at, 1e-6)
+        z = from_z + (to_z - from_z) * at / max(to_at, 1e-6)
         if z < (lowest_tangent + FIRST_SEEN_MARGIN) * at:
             continue
         level = int((z + floor_of_levels) / LEVEL_M)
