@@ -71,7 +71,8 @@ def write_run(folder: Path, simulation: Simulation, preset: str, config: Path | 
         name = "trajectory.csv" if len(simulation.flights) == 1 else f"trajectory-{flight.log.vehicle_id}.csv"
         flight.log.write_csv(folder / name)
     write_map(voxels, folder)
-    (folder / "settings.yaml").write_text(dump_yaml(settings), encoding="utf-8")
+    settings_yaml = dump_yaml(settings)
+    (folder / "settings.yaml").write_text(settings_yaml, encoding="utf-8")
     (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     data = ReportData(
         title=f"{simulation.world.name}, seed {simulation.seed}, preset {preset}",
@@ -86,7 +87,7 @@ def write_run(folder: Path, simulation: Simulation, preset: str, config: Path | 
         margin_m=settings.control.margin_m,
         critical_margin_m=settings.control.critical_margin_m,
         height_m=settings.control.height_m,
-        settings_yaml=dump_yaml(settings),
+        settings_yaml=settings_yaml,
     )
     write_report(folder / "report.html", data)
     (folder / "overview.png").write_bytes(overview_png(data))

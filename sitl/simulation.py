@@ -170,8 +170,8 @@ class Simulation:
         }
 
     def missed_m(self) -> NDArray[np.float32]:
-        """The (n, 3) visible points of the true surface that are not in the map."""
-        missed: NDArray[np.float32] = self.truth.samples_m[~self.merged_map().occupied_near(self.truth.samples_m)]
+        """The (n, 3) visible points of the true surface that are not in the map, as of the end of `run`."""
+        missed: NDArray[np.float32] = self.truth.samples_m[~self._found]
         return missed
 
     def _tick(self, dt_s: float) -> None:
