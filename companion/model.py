@@ -20,6 +20,9 @@ FloatArray = NDArray[np.float64]
 UNKNOWN, CLEAR, HIT = np.uint8(0), np.uint8(1), np.uint8(2)
 """What is known of one bearing of a `Scan`: nobody looked; seen free out to the range; an obstacle at the range."""
 
+FRONT_RAD = math.radians(135.0)
+"""d_f of the paper counts the front, left and right faces: bearings within this of the heading."""
+
 
 class Mode(enum.StrEnum):
     """The modes of the paper's navigation law (7), and the one in which nothing may move."""

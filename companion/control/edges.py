@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from companion.control.parameters import Parameters
-from companion.model import CLEAR, HIT, UNKNOWN, FloatArray, Scan, wrap_rad
+from companion.model import CLEAR, FRONT_RAD, HIT, UNKNOWN, FloatArray, Scan, wrap_rad
 
 CORRIDOR_SHARE = 0.9
 """Half-width of the corridor in units of d_s: the tangent itself touches the d_s-offset of the walls, so a corridor of
@@ -224,3 +224,16 @@ def open_direction(scan: Scan, half_width_m: float) -> tuple[float, float]:
     """Bearing and length of the longest free corridor of that half-width; length 0 when there is none."""
     bearing, length = _open_direction(scan.bearings_rad, scan.ranges_m, scan.state, half_width_m)
     return float(bearing), float(length)
+
+
+def has_way_on(scan: Scan, critical_margin_m: float) -> bool:
+    """Whether (12) lets the vehicle fly in any heading at all: one with d_f >= d_c.
+
+    d_f looks at 270°, so everything nearer than d_c must fit into the 90° behind. Even before a single flat wall it
+    does not when d < d_c/√2, and in a corner it hardly ever does.
+    """
+    near_rad = np.sort(scan.bearings_rad[(scan.state == HIT) & (scan.ranges_m < critical_margin_m)])
+    if near_rad.size == 0:
+        return True
+    gaps_rad = np.diff(near_rad, append=near_rad[0] + 2.0 * np.pi)
+    return bool(gaps_rad.max() > 2.0 * FRONT_RAD)

@@ -172,10 +172,10 @@ class Navigator:
     def _speed_mps(self, measurement: Measurement, scan: Scan, pose: Pose) -> float:
         """Paper eq. (12), lowered by the governor."""
         speed = laws.speed_mps(self._mode, measurement.d_front_m, self.parameters)
+        if self._mode is Mode.TANGENT and (self._escapes() or self.parameters.speed_law == "governor"):
+            speed *= max(0.0, math.cos(self._target_bearing_rad(pose)))
         if self.parameters.speed_law == "paper" or speed == 0.0:
             return speed
-        if self._mode is Mode.TANGENT:
-            speed *= max(0.0, math.cos(self._target_bearing_rad(pose)))
         gamma = self._gamma if self._mode is Mode.BOUNDARY else None
         forward_mps = pose.vx_mps * math.cos(pose.yaw_rad) + pose.vy_mps * math.sin(pose.yaw_rad)
         nearest_m = math.inf if measurement.d_m is None else measurement.d_m
@@ -212,12 +212,15 @@ class Navigator:
         passed = (target.x_m - pose.x_m) * along_x + (target.y_m - pose.y_m) * along_y <= 0.0
         if to_go_m < self.parameters.target_radius_m or passed:
             self._enter(Mode.BOUNDARY, pose, t_s)
+        elif t_s - target.since_s > target.timeout_s:
+            self._enter(Mode.CIRCLE, pose, t_s)
+        elif self._escapes() and abs(self._target_bearing_rad(pose)) >= math.pi / 2.0:
+            # It stands and turns away from the very wall that it escapes from, which has come first already.
+            return
         elif measurement.d_bearing_rad is not None and self._boundary_comes_first(measurement):
             if target.kind is not TargetKind.WALL:
                 self._gamma = 1 if measurement.d_bearing_rad > 0.0 else -1
             self._enter(Mode.BOUNDARY, pose, t_s)
-        elif t_s - target.since_s > target.timeout_s:
-            self._enter(Mode.CIRCLE, pose, t_s)
 
     def _boundary_comes_first(self, measurement: Measurement) -> bool:
         """Whether an obstacle at d_s lies ahead, or one well inside of d_s beside: R2 alone would not leave it."""
@@ -240,6 +243,9 @@ class Navigator:
             self._anchor = (pose.x_m, pose.y_m)
             self._turned_rad = 0.0
         elif abs(self._turned_rad) > STUCK_TURNS * 2.0 * math.pi:
+            self._escape(scan, pose, t_s)
+            return
+        if not edges.has_way_on(scan, self.parameters.critical_margin_m):
             self._escape(scan, pose, t_s)
             return
         if self._has_come_round(pose) and self._rng.random() < self._lap_probability():
@@ -370,6 +376,9 @@ class Navigator:
         if self._last_yaw_rad is not None:
             self._turned_rad += wrap_rad(pose.yaw_rad - self._last_yaw_rad)
         self._last_yaw_rad = pose.yaw_rad
+
+    def _escapes(self) -> bool:
+        return self._target is not None and self._target.kind is TargetKind.OPEN
 
     def _target_bearing_rad(self, pose: Pose) -> float:
         assert self._target is not None  # noqa: S101 - R2 is entered only with a target

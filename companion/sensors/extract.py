@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from companion.config.sensors import SensorSettings
 from companion.model import (
     CLEAR,
+    FRONT_RAD,
     HIT,
     UNKNOWN,
     Beam,
@@ -26,9 +27,6 @@ from companion.model import (
 from companion.sensors.depth import Slab, look_ahead
 from companion.sensors.look import Look, bin_bearings
 from companion.sensors.memory import ScanMemory
-
-FRONT_RAD = math.radians(135.0)
-"""d_f counts the front, left and right faces: bearings within this of the heading."""
 
 POSE_STALE_S = 0.3
 """A pose older than this is missing: at 0.5 m/s the vehicle is 15 cm from where it says."""

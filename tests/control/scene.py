@@ -11,7 +11,19 @@ from numpy.typing import NDArray
 
 from companion.config.control import ControlSettings
 from companion.control import Governor, Navigator, Parameters
-from companion.model import CLEAR, HIT, UNKNOWN, FloatArray, Measurement, Mode, Pose, Scan, Setpoint, wrap_rad
+from companion.model import (
+    CLEAR,
+    FRONT_RAD,
+    HIT,
+    UNKNOWN,
+    FloatArray,
+    Measurement,
+    Mode,
+    Pose,
+    Scan,
+    Setpoint,
+    wrap_rad,
+)
 
 BINS = 360
 BEARINGS_RAD: FloatArray = -math.pi + (np.arange(BINS) + 0.5) * 2.0 * math.pi / BINS
@@ -26,7 +38,6 @@ LIMIT_M = 10.0
 MEMORY_M = 5.0
 """Outside of the camera's view, walls within this distance are remembered."""
 
-FRONT_RAD = math.radians(135.0)
 """d_f counts bearings up to here (METHOD: front, left and right)."""
 
 Point = tuple[float, float]

@@ -15,6 +15,7 @@ from companion.control.edges import (
     Edge,
     corridor_is_free,
     find_edges,
+    has_way_on,
     lies_along_boundary,
     open_direction,
     tangent_target,
@@ -387,3 +388,28 @@ def test_there_is_no_open_direction_in_a_shaft() -> None:
 def test_nothing_known_has_no_open_direction() -> None:
     """Unknown is not free."""
     assert open_direction(two_walls(math.nan, math.nan), 0.7)[1] == 0.0
+
+
+@pytest.mark.parametrize("heading_deg", [0.0, 100.0, -179.0])
+@pytest.mark.parametrize(("d_m", "way_on"), [(0.55, True), (0.45, False)])
+def test_one_flat_wall_lets_fly_on_down_to_a_limit(heading_deg: float, d_m: float, way_on: bool) -> None:
+    """d_f looks at 270°: 0.7 m of wall fit into the 90° behind only from further than 0.7/√2 = 0.495 m away."""
+    scene = Scene(box(d_m, -20.0, 40.0, 20.0))
+    assert has_way_on(scene.scan(Pose(0.0, 0.0, 0.0, 1.5, math.radians(heading_deg))), 0.7) is way_on
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_corner_or_a_gap_nearer_than_d_c_leaves_no_way_on(side: int) -> None:
+    """Two walls within d_c leave no heading with d_f >= d_c, whatever the turn; further away they do."""
+    pose = Pose(0.0, 0.0, 0.0, 1.5, 0.4)
+    low_m, high_m = sorted((side * 0.6, -side * 20.0))
+    corner = box(-20.0, low_m, 0.6, high_m)
+    gap = box(-20.0, -0.6, 20.0, 0.6)
+    for walls in (corner, gap):
+        assert not has_way_on(Scene(walls).scan(pose), 0.7)
+        assert has_way_on(Scene(walls).scan(pose), 0.5)
+
+
+def test_open_ground_has_a_way_on() -> None:
+    """Nothing near holds nobody back."""
+    assert has_way_on(two_walls(math.inf, math.inf), 0.7)

@@ -441,6 +441,28 @@ def test_turning_on_the_spot_for_long_is_left_for_open_ground() -> None:
     assert navigator.status.extensions == 1
 
 
+@pytest.mark.parametrize("speed_law", ["paper", "governor"])
+def test_where_no_heading_lets_it_fly_it_leaves_at_once(speed_law: str) -> None:
+    """Half d_c before a wall (12) allows no heading at all: waiting for turns it would only drift into the wall.
+
+    It stands until it has turned towards the open, and the wall that it leaves does not count as one that comes first.
+    """
+    scene = Scene(box(0.35, -30.0, 40.0, 30.0))
+    navigator = in_boundary(1, speed_law=speed_law)
+    turning = [navigator.step(scene.measure(ORIGIN), ORIGIN, 0.1)]
+    assert mode_of(navigator) is Mode.TANGENT
+    target = navigator.status.target
+    assert target is not None
+    assert target.kind is TargetKind.OPEN
+    assert target.x_m < -1.0
+    turning.append(navigator.step(scene.measure(ORIGIN), ORIGIN, 0.2))
+    assert mode_of(navigator) is Mode.TANGENT
+    assert all(setpoint.speed_mps == 0.0 and setpoint.yaw_rate_radps != 0.0 for setpoint in turning)
+    away = replace(ORIGIN, yaw_rad=math.atan2(target.y_m, target.x_m))
+    assert navigator.step(scene.measure(away), away, 0.3).speed_mps > 0.3
+    assert mode_of(navigator) is Mode.TANGENT
+
+
 # Every mode against every event. R1 and R2 begin at ORIGIN with T_m at (4, -1); R3 follows a wall on its left there.
 
 

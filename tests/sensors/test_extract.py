@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from companion.config.sensors import BeamSettings, CameraSettings, ScanSettings, SensorSettings
 from companion.model import (
     CLEAR,
+    FRONT_RAD,
     HIT,
     UNKNOWN,
     Beam,
@@ -29,7 +30,7 @@ from companion.model import (
     Scan,
 )
 from companion.sensors import Extractor
-from companion.sensors.extract import FRONT_RAD, POSE_STALE_S
+from companion.sensors.extract import POSE_STALE_S
 from companion.sensors.look import bin_bearings
 from tests.sensors.scenes import AT_START, FLOOR, H_M, ROOF, Surface, between, frame, wall_ahead, wall_beside
 
