@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import Self
+import re
+from typing import Annotated, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from companion.config.section import Section, refuse
 from companion.model import Beam, Camera
+
+
+def _stream_url(url: str) -> str:
+    if not re.fullmatch(r"tcp://[^\s:/]+:\d{1,5}|unix:///\S+", url):
+        raise PydanticCustomError("stream_url", "must be tcp://HOST:PORT or unix:///PATH")
+    return url
 
 
 class CameraSettings(Section):
@@ -107,8 +115,23 @@ class ScanSettings(Section):
     )
 
 
+class StreamSettings(Section):
+    """Depth and ranges from another process: a camera process, or the world beside a simulated autopilot."""
+
+    url: Annotated[str, AfterValidator(_stream_url)] = Field(
+        "tcp://127.0.0.1:14600", description="where it listens: tcp://HOST:PORT or unix:///PATH"
+    )
+
+
 class SensorSettings(Section):
     """Everything that measures."""
+
+    drivers: tuple[str, ...] = Field(
+        ("stream",),
+        description="where readings come from in flight, by name: stream, mavlink (DISTANCE_SENSOR and "
+        "OBSTACLE_DISTANCE), or a driver of an installed package",
+    )
+    stream: StreamSettings = Field(StreamSettings(), description="the driver stream")
 
     camera: CameraSettings = Field(CameraSettings(), description="the forward depth camera")
     beams: BeamSettings = Field(BeamSettings(), description="the single-beam rangefinders")

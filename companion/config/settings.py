@@ -6,9 +6,12 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
+from companion.config.autopilot import AutopilotSettings
 from companion.config.control import ControlSettings
 from companion.config.fleet import FleetSettings
 from companion.config.mapping import MapSettings
+from companion.config.mission import MissionSettings
+from companion.config.record import RecordSettings
 from companion.config.section import Section, refuse
 from companion.config.sensors import SensorSettings
 from companion.config.sim import SimSettings
@@ -16,13 +19,16 @@ from companion.config.vehicle import VehicleSettings
 
 
 class Settings(Section):
-    """One vehicle: its body, its law, its sensors, its map, its group, and its simulation."""
+    """One vehicle: body, law, sensors, map, group, autopilot, the course of a flight, recording, simulation."""
 
     vehicle: VehicleSettings = Field(VehicleSettings(), description="the airframe")
     control: ControlSettings = Field(ControlSettings(), description="the navigation law")
     sensors: SensorSettings = Field(SensorSettings(), description="sensors and what is made of them")
     mapping: MapSettings = Field(MapSettings(), description="the map V")
     fleet: FleetSettings = Field(FleetSettings(), description="several vehicles")
+    autopilot: AutopilotSettings = Field(AutopilotSettings(), description="the flight controller and the link to it")
+    mission: MissionSettings = Field(MissionSettings(), description="when a flight begins, and how it ends")
+    record: RecordSettings = Field(RecordSettings(), description="the flight recording")
     sim: SimSettings = Field(SimSettings(), description="the simulated vehicle and its imperfect sensors")
 
     @model_validator(mode="after")

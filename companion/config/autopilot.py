@@ -1,0 +1,54 @@
+"""The flight controller and the link to it."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
+from pydantic_core import PydanticCustomError
+
+from companion.config.section import Section
+
+_LINK_URL = re.compile(
+    r"(udpin|udpout|udp|tcpin|tcpout|tcp)://[^\s:/]*:\d{1,5}|serial(_flowcontrol)?:///?[^\s:]+(:\d{3,8})?"
+)
+
+
+def _link_url(url: str) -> str:
+    if not _LINK_URL.fullmatch(url):
+        raise PydanticCustomError(
+            "link_url",
+            "must be udpin://HOST:PORT (listen), udpout://HOST:PORT, tcpin://HOST:PORT, tcpout://HOST:PORT or "
+            "serial:///dev/NAME:BAUD",
+        )
+    return url
+
+
+class AutopilotSettings(Section):
+    """How the flight controller is reached, and what is expected of it."""
+
+    url: Annotated[str, AfterValidator(_link_url)] = Field(
+        "udpin://0.0.0.0:14540",
+        description="where the flight controller is: udpin://HOST:PORT (listen), udpout://HOST:PORT, "
+        "tcpin://HOST:PORT, tcpout://HOST:PORT or serial:///dev/NAME:BAUD",
+    )
+    system_id: int = Field(
+        1, ge=1, le=250, description="MAVLink system id of this vehicle; the application is component 191 of it"
+    )
+    connect_timeout_s: float = Field(30.0, gt=0.0, le=600.0, description="how long to wait for the autopilot, in s")
+    command_timeout_s: float = Field(2.0, ge=0.5, le=30.0, description="how long to wait for an acknowledgement, in s")
+    attitude_hz: float = Field(50.0, ge=5.0, le=200.0, description="rate at which attitudes are asked for")
+    position_hz: float = Field(
+        50.0, ge=5.0, le=200.0, description="rate at which positions and velocities are asked for"
+    )
+    gps: bool = Field(
+        True, description="false: no GPS, the autopilot knows its position from external (visual) odometry only"
+    )
+    silence_s: float = Field(
+        0.5,
+        ge=0.2,
+        le=2.0,
+        description="the autopilot must react when setpoints stop for this long (PX4 COM_OF_LOSS_T, ArduPilot "
+        "GUID_TIMEOUT); pre-flight checks it",
+    )

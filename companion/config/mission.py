@@ -1,0 +1,35 @@
+"""When a flight begins, and how it ends."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from companion.config.section import Section
+
+
+class MissionSettings(Section):
+    """The course of a flight around the exploring."""
+
+    start: Literal["now", "key", "command"] = Field(
+        "key",
+        description="what starts the flight: now, the Enter key, or the MAVLink command MAV_CMD_MISSION_START from a "
+        "ground station",
+    )
+    end_action: Literal["hold", "land"] = Field(
+        "land", description="how a flight ends on stop, completion or low battery: hold or land"
+    )
+    time_limit_s: float = Field(
+        1200.0, gt=0.0, le=86400.0, description="the flight ends after this time in the air, in s"
+    )
+    battery_low_percent: float = Field(
+        25.0, ge=0.0, le=95.0, description="the flight ends when the battery has less than this left, in percent"
+    )
+    take_off_timeout_s: float = Field(
+        40.0, ge=5.0, le=300.0, description="the height H must be reached in this time, in s"
+    )
+    input_timeout_s: float = Field(
+        10.0, ge=1.0, le=600.0, description="standing still without fresh inputs for this long ends the flight, in s"
+    )
+    skip_checks: tuple[str, ...] = Field((), description="names of pre-flight checks to skip; recorded with the flight")
