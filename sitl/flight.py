@@ -7,23 +7,16 @@ import math
 import numpy as np
 
 from companion.config.settings import Settings
-from companion.control import Governor, Navigator, Parameters
+from companion.explorer import Explorer
 from companion.fleet import Fleet, Report
 from companion.mapping import VoxelMap
 from companion.model import Measurement, Pose
-from companion.sensors import Extractor
 from sitl.flight_log import FlightLog
 from sitl.raycast import RayCaster
 from sitl.render import DepthRenderer
 from sitl.sensors import SensorRig
 from sitl.vehicle import Vehicle
 from sitl.worlds import World
-
-
-def law_parameters(settings: Settings) -> Parameters:
-    """The navigation law's numbers, from the configuration."""
-    values = settings.control.model_dump(exclude={"governor", "allow_turning_radius_above_margin"})
-    return Parameters(governor=Governor(**settings.control.governor.model_dump()), **values)
 
 
 class Flight:
@@ -50,7 +43,8 @@ class Flight:
         to_vehicle, to_sensors, to_navigator = seed.spawn(3)
         camera = settings.sensors.camera.model()
         self.vehicle = Vehicle(settings.sim.dynamics, start, np.random.default_rng(to_vehicle))
-        self.navigator = Navigator(law_parameters(settings), np.random.default_rng(to_navigator))
+        self._explorer = Explorer(settings, np.random.default_rng(to_navigator))
+        self.navigator = self._explorer.navigator
         self.map = VoxelMap(settings.mapping)
         self.log = FlightLog(vehicle_id)
         self.fleet = Fleet(settings.fleet, vehicle_id)
@@ -63,7 +57,6 @@ class Flight:
             DepthRenderer(world, camera),
             np.random.default_rng(to_sensors),
         )
-        self._extractor = Extractor(settings.sensors, settings.vehicle.body_height_m)
         self._caster = caster
         self._body_radius_m = settings.vehicle.body_radius_m
         self._alone_m = settings.control.height_m
@@ -78,10 +71,10 @@ class Flight:
         """
         true = self.vehicle.pose
         observation = self._rig.observe(true)
-        measurement = self._extractor.measure(observation)
         if fleet:
             self.navigator.height_m = self.fleet.height_m(true.t_s, self._alone_m)
-        setpoint = self.navigator.step(measurement, observation.pose, true.t_s)
+        steering = self._explorer.step(observation)
+        measurement, setpoint = steering.measurement, steering.setpoint
         if observation.frame is not None:
             self.map.integrate(observation.frame)
         self.log.append(

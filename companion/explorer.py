@@ -1,0 +1,48 @@
+"""The tick: observe, measure, steer. The same in flight, in simulation and in replay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.config.settings import Settings
+from companion.control import Governor, Navigator, Parameters
+from companion.model import Measurement, Observation, Setpoint
+from companion.sensors import Extractor
+
+
+def law_parameters(settings: Settings) -> Parameters:
+    """The navigation law's numbers, from the configuration."""
+    values = settings.control.model_dump(exclude={"governor", "allow_turning_radius_above_margin"})
+    return Parameters(governor=Governor(**settings.control.governor.model_dump()), **values)
+
+
+@dataclass(frozen=True, slots=True)
+class Steering:
+    """What a tick made of its observation."""
+
+    measurement: Measurement
+    setpoint: Setpoint
+
+
+class Explorer:
+    """From observations to setpoints. Knows no clock: the time of a tick is that of its observation.
+
+    Args:
+        settings: the whole configuration.
+        rng: the only source of randomness.
+    """
+
+    def __init__(self, settings: Settings, rng: np.random.Generator) -> None:
+        self.navigator = Navigator(law_parameters(settings), rng)
+        self._extractor = Extractor(settings.sensors, settings.vehicle.body_height_m)
+
+    def look(self, observation: Observation) -> Measurement:
+        """Measure without steering: on the ground, and while somebody else flies."""
+        return self._extractor.measure(observation)
+
+    def step(self, observation: Observation) -> Steering:
+        """One sampling period: measure, then execute the navigation law."""
+        measurement = self._extractor.measure(observation)
+        return Steering(measurement, self.navigator.step(measurement, observation.pose, observation.t_s))
