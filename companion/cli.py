@@ -18,6 +18,7 @@ from typing import Annotated
 
 import typer
 
+from companion import flight_commands
 from companion.errors import CompanionError
 
 DISTRIBUTION = "mine-companion"
@@ -101,12 +102,18 @@ def _app(commands: dict[str, EntryPoint], called: str | None) -> typer.Typer:
         rich_markup_mode=None,  # help and errors stay plain text, in a terminal and in a log
     )
     app.callback()(_root)
+    for command in (flight_commands.run, flight_commands.check, flight_commands.figures):
+        app.command()(command)
     app.add_typer(config_app, name="config")
-    for name, command in sorted(commands.items()):
+    for name, entry in sorted(commands.items()):
         if name == called:
-            app.command(name)(command.load())
+            loaded = entry.load()
+            if isinstance(loaded, typer.Typer):
+                app.add_typer(loaded, name=name)
+            else:
+                app.command(name)(loaded)
         else:
-            app.command(name, help=_summary(command))(_not_imported)
+            app.command(name, help=_summary(entry))(_not_imported)
     return app
 
 
@@ -129,7 +136,10 @@ def _not_imported() -> None:
 
 
 def _summary(command: EntryPoint) -> str:
-    """First paragraph of a command's docstring, read from its source: importing it may take seconds, or fail."""
+    """First paragraph of a command's docstring, read from its source: importing it may take seconds, or fail.
+
+    For a group of commands it is that of its module.
+    """
     try:
         spec = importlib.util.find_spec(command.module)
         source = Path(spec.origin).read_text(encoding="utf-8") if spec is not None and spec.origin else ""
@@ -139,7 +149,7 @@ def _summary(command: EntryPoint) -> str:
     for node in body:
         if isinstance(node, ast.FunctionDef) and node.name == command.attr:
             return (ast.get_docstring(node) or "").partition("\n\n")[0]
-    return ""
+    return (ast.get_docstring(ast.Module(body, [])) or "").partition("\n\n")[0]
 
 
 def _is_foreign(error: ModuleNotFoundError, command: EntryPoint) -> bool:
@@ -149,11 +159,10 @@ def _is_foreign(error: ModuleNotFoundError, command: EntryPoint) -> bool:
 
 
 def _missing(command: EntryPoint, error: ModuleNotFoundError) -> str:
-    """What to install. By convention the extra is called like the command that needs it."""
+    """What to install: a command's entry point names the extras that it needs."""
     distribution = command.dist
-    extras = [] if distribution is None else distribution.metadata.get_all("Provides-Extra") or []
-    if distribution is not None and command.name in extras:
-        needed = f"'{distribution.name}[{command.name}]'"
+    if distribution is not None and command.extras:
+        needed = f"'{distribution.name}[{','.join(command.extras)}]'"
     else:
         needed = f"the package that has the module {error.name}"
     return f"companion {command.name}: the module {error.name} is not installed; it needs pip install {needed}"

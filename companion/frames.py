@@ -74,3 +74,8 @@ def setpoint_to_frd(setpoint: Setpoint) -> BodyVelocity:
     return BodyVelocity(
         vx_mps=setpoint.speed_mps, vy_mps=0.0, vz_mps=-setpoint.climb_mps, yaw_rate_radps=-setpoint.yaw_rate_radps
     )
+
+
+def bearing_from_frd(clockwise_rad: float) -> float:
+    """A bearing about the vehicle as MAVLink counts it, clockwise from the heading, as ours in [-π, π)."""
+    return wrap_rad(-clockwise_rad)

@@ -152,8 +152,9 @@ class TestCommandsFromElsewhere:
         assert run("fly") == 1
         assert capsys.readouterr().err.startswith("companion fly: the module no_such_library")
 
-    def test_the_extra_that_the_simulation_needs(self) -> None:
-        (simulate,) = [command for command in entry_points(group=cli.COMMANDS_GROUP) if command.name == "sim"]
+    @pytest.mark.parametrize("name", ["sim", "sitl"])
+    def test_the_extra_that_the_simulation_needs(self, name: str) -> None:
+        (simulate,) = [command for command in entry_points(group=cli.COMMANDS_GROUP) if command.name == name]
         message = cli._missing(simulate, ModuleNotFoundError(name="open3d"))
         assert message.endswith("it needs pip install 'mine-companion[sim]'")
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from companion.frames import NedPose, pose_from_ned, pose_to_ned, setpoint_to_frd
+from companion.frames import NedPose, bearing_from_frd, pose_from_ned, pose_to_ned, setpoint_to_frd
 from companion.geometry import rotation
 from companion.model import Pose, Setpoint, wrap_rad
 
@@ -195,3 +195,23 @@ def test_a_turn_that_is_sent_turns_the_pose_that_comes_back(yaw_rad: float, rate
     assert pose.yaw_rate_radps == rate_radps
     # Differences of angles up to 2π, each rounded.
     assert math.remainder(pose.yaw_rad - yaw_rad - rate_radps * dt_s, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-14)
+
+
+# Bearings.
+
+
+@pytest.mark.parametrize(
+    ("clockwise_rad", "bearing_rad"),
+    [
+        pytest.param(0.0, 0.0, id="the heading"),
+        pytest.param(math.pi / 2.0, -math.pi / 2.0, id="the right"),
+        pytest.param(-math.pi / 2.0, math.pi / 2.0, id="the left"),
+        pytest.param(math.pi, -math.pi, id="behind is -π from either side"),
+        pytest.param(-math.pi, -math.pi, id="behind, the other way round"),
+        pytest.param(1.5 * math.pi, math.pi / 2.0, id="the left, counted all the way round"),
+    ],
+)
+def test_bearings_are_clockwise_in_mavlink(clockwise_rad: float, bearing_rad: float) -> None:
+    """A wall on the right has a positive bearing there and a negative one here."""
+    # Two additions of π, each rounded by 2^-52 of it.
+    assert bearing_from_frd(clockwise_rad) == pytest.approx(bearing_rad, abs=2e-15)

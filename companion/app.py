@@ -1,0 +1,290 @@
+"""Wires the rooms together: the only place that knows them all."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+from collections.abc import Collection, Coroutine
+from contextlib import AsyncExitStack, nullcontext
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from companion.autopilot.announce import Announcer
+from companion.autopilot.preflight import CheckResult, refusal, render, run_checks
+from companion.autopilot.vehicle import Vehicle
+from companion.background import background
+from companion.clock import MonotonicClock
+from companion.config.load import dump_yaml
+from companion.config.settings import Settings
+from companion.ending import Ending, Standing, ending
+from companion.errors import CompanionError, InputError
+from companion.explorer import Explorer
+from companion.mapping.worker import MapWorker
+from companion.orders import Orders
+from companion.pace import Pace
+from companion.pilot import Pilot
+from companion.recording import FlightInfo, Recorder
+from companion.session import Session, open_session
+from companion.warm_up import warm_up
+from companion.watch import Announcements, MapFeed, Recording, Say
+
+SETTLE_S = 3.0
+"""Rates are measured over this time before they are judged."""
+
+LOOK_PERIOD_S = 0.2
+"""How often it is asked whether the flight goes on."""
+
+_log = logging.getLogger(__name__)
+
+
+class FlightRefusedError(CompanionError):
+    """A pre-flight check failed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What the command line adds to the settings.
+
+    Attributes:
+        preset: its name, for the records.
+        seed: draws every choice of the navigator; None draws a new one, which is recorded.
+        fix: whether pre-flight may set parameters of the autopilot.
+        skip: names of checks to skip, besides those in the settings.
+    """
+
+    preset: str
+    seed: int | None = None
+    fix: bool = False
+    skip: Collection[str] = ()
+
+
+async def check(settings: Settings, options: Options) -> list[CheckResult]:
+    """Connect, listen for a moment and run the pre-flight checks. Nothing is armed."""
+    warm_up(settings)
+    async with open_session(settings, MonotonicClock()) as session:
+        return await _checked(session, options)
+
+
+async def fly(settings: Settings, options: Options, say: Say) -> dict[str, Any]:
+    """One flight: checks, start, take-off, exploring, and the end as configured.
+
+    Whatever happens in it, the vehicle is left holding or landing, or in its pilot's hands.
+
+    Args:
+        settings: the whole configuration.
+        options: what the command line adds.
+        say: shows a line to the operator.
+
+    Returns:
+        The summary, as it is written to ``summary.json`` in the flight's folder.
+
+    Raises:
+        FlightRefusedError: a check failed; nothing was armed.
+        CompanionError: the flight could not begin, or broke off.
+    """
+    orders = Orders(by_command=settings.mission.start == "command")
+    seed = int(np.random.SeedSequence().generate_state(1)[0]) if options.seed is None else options.seed
+    # Before anything listens: what is compiled while messages arrive makes all of them late.
+    say("loading the navigator (the first time on a computer compiles it, about a minute)")
+    warm_up(settings)
+    with orders.signals():
+        say(f"looking for the autopilot at {settings.autopilot.url}")
+        async with open_session(settings, MonotonicClock()) as session:
+            orders.listen(session.link)
+            say("connected; listening to the sensors")
+            results = await _checked(session, options)
+            if (why := refusal(results)) is not None:
+                say(render(results))
+                raise FlightRefusedError(why)
+            flight = _Flight(session, options, orders, seed, say)
+            return await flight.run(results)
+
+
+async def _checked(session: Session, options: Options) -> list[CheckResult]:
+    pilot = Pilot(
+        session.inputs,
+        Explorer(session.settings, np.random.default_rng(0)),
+        Pace(session.clock, session.settings.control.period_s),
+        helm=None,
+    )
+    async with background(pilot.run()):
+        await asyncio.sleep(SETTLE_S)
+        skip = (*session.settings.mission.skip_checks, *options.skip)
+        return await run_checks(
+            session.link,
+            session.telemetry,
+            session.settings,
+            session.sink.statistics(session.clock.now_s()),
+            fix=options.fix,
+            skip=skip,
+            height_m=pilot.measured_height_m(),
+            clock=session.clock,
+        )
+
+
+class _Flight:
+    """From the checks to the summary."""
+
+    def __init__(self, session: Session, options: Options, orders: Orders, seed: int, say: Say) -> None:
+        self._session = session
+        self._settings = session.settings
+        self._options = options
+        self._orders = orders
+        self._seed = seed
+        self._say = say
+        self._began_s = 0.0
+
+    async def run(self, results: list[CheckResult]) -> dict[str, Any]:
+        settings, session = self._settings, self._session
+        folder = _new_folder(Path(settings.record.folder))
+        (folder / "settings.yaml").write_text(dump_yaml(settings), encoding="utf-8")
+        rng = np.random.default_rng(self._seed)
+        info = FlightInfo.of(settings, rng)
+        explorer = Explorer(settings, rng)
+        async with AsyncExitStack() as stack:
+            recorder = stack.enter_context(Recorder(folder / "flight.mcap", settings.record, info, session.clock))
+            self._say("starting the map (the first start on a computer compiles it, about a minute)")
+            mapper = await stack.enter_async_context(
+                MapWorker(
+                    settings.mapping,
+                    settings.sensors.camera.model(),
+                    settings.control,
+                    folder,
+                    half_slab_m=settings.vehicle.body_height_m / 2.0 + settings.sensors.scan.slab_margin_m,
+                    max_slope=settings.sensors.scan.max_ground_slope,
+                    clock=session.clock,
+                )
+            )
+            announcer = Announcer(session.link, session.clock)
+            announcements = Announcements(announcer, session.telemetry, mapper, recorder, self._say)
+            announcements.checks(results)
+            await stack.enter_async_context(background(announcer.run()))
+            await self._wait_for_start(announcements)
+            vehicle = Vehicle(session.link, session.telemetry, settings, session.clock)
+            pilot = Pilot(
+                session.inputs,
+                explorer,
+                Pace(session.clock, settings.control.period_s),
+                vehicle,
+                (Recording(recorder, explorer.navigator), MapFeed(mapper), announcements),
+            )
+            why = await self._in_the_air(vehicle, pilot, mapper, announcements)
+            self._say("writing the map")
+            files = await mapper.save()
+            summary = self._summary(why, results, mapper, recorder)
+        text = json.dumps(summary, indent=2) + "\n"
+        (folder / "summary.json").write_text(text, encoding="utf-8")
+        self._say(f"{why.value}: {len(files)} map files and the recording are in {folder}")
+        return summary
+
+    async def _wait_for_start(self, announcements: Announcements) -> None:
+        start = self._settings.mission.start
+        if self._orders.stop.is_set():
+            raise FlightRefusedError("stopped before the start; nothing was armed")
+        if start == "now":
+            return
+        announcements.phase("waiting for the start")
+        self._say("ready: press Enter to take off" if start == "key" else "ready: waiting for MAV_CMD_MISSION_START")
+        with self._orders.enter_key() if start == "key" else nullcontext():
+            waits = [asyncio.ensure_future(event.wait()) for event in (self._orders.start, self._orders.stop)]
+            try:
+                await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
+            finally:
+                for wait in waits:
+                    wait.cancel()
+        if self._orders.stop.is_set():
+            raise FlightRefusedError("stopped before the start; nothing was armed")
+
+    async def _in_the_air(
+        self, vehicle: Vehicle, pilot: Pilot, mapper: MapWorker, announcements: Announcements
+    ) -> Ending:
+        """Take off, explore, end. Leaving the vehicle's context leaves it holding or landing, whatever happened."""
+        settings = self._settings
+        async with background(pilot.run()), vehicle:
+            announcements.phase("taking off")
+            await self._unless_stopped(vehicle.take_off(settings.control.height_m, pilot.measured_height_m))
+            await self._unless_stopped(vehicle.engage())
+            self._began_s = self._session.clock.now_s()
+            pilot.fresh_s = self._began_s
+            pilot.exploring = True
+            announcements.phase("exploring")
+            why = await self._until_the_end(vehicle, pilot, mapper)
+            pilot.exploring = False
+            announcements.ended(why, vehicle.foreign_mode or "")
+            if why not in (Ending.PILOT, Ending.DISARMED):
+                await (vehicle.land() if settings.mission.end_action == "land" else vehicle.hold())
+        return why
+
+    async def _unless_stopped(self, manoeuvre: Coroutine[Any, Any, None]) -> None:
+        """Run a manoeuvre; a person's stop breaks it off."""
+        task = asyncio.ensure_future(manoeuvre)
+        stop = asyncio.ensure_future(self._orders.stop.wait())
+        try:
+            await asyncio.wait((task, stop), return_when=asyncio.FIRST_COMPLETED)
+            if not task.done():
+                raise CompanionError("stopped during the take-off; the vehicle holds or lands")
+            task.result()
+        finally:
+            task.cancel()
+            stop.cancel()
+
+    async def _until_the_end(self, vehicle: Vehicle, pilot: Pilot, mapper: MapWorker) -> Ending:
+        session = self._session
+        while True:
+            now_s = session.clock.now_s()
+            standing = Standing(
+                vehicle=session.telemetry.state(now_s),
+                pilot_took_over=vehicle.pilot_took_over,
+                stop_asked=self._orders.stop.is_set(),
+                complete=mapper.status.complete,
+                flown_s=now_s - self._began_s,
+                blind_s=now_s - pilot.fresh_s,
+            )
+            why = ending(standing, self._settings.mission)
+            if why is not None:
+                return why
+            await asyncio.sleep(LOOK_PERIOD_S)
+
+    def _summary(
+        self, why: Ending, results: list[CheckResult], mapper: MapWorker, recorder: Recorder
+    ) -> dict[str, Any]:
+        session, status = self._session, mapper.status
+        return {
+            "preset": self._options.preset,
+            "seed": self._seed,
+            "autopilot": session.link.kind.value,
+            "ended_because": why.value,
+            "as_it_should": why.as_it_should,
+            "interrupted": self._orders.interrupted,
+            "flown_s": round(session.clock.now_s() - self._began_s, 1),
+            "completeness_estimate": status.completeness,
+            "recording": recorder.problem or "whole",
+            "recording_ticks_dropped": recorder.ticks_dropped,
+            "recording_frames_dropped": recorder.frames_dropped,
+            "map_frames": status.frames,
+            "map_frames_dropped": status.dropped,
+            "map_restarts": status.restarts,
+            "unpaired_frames": session.inputs.unpaired,
+            "clock_residual_s": session.telemetry.clock_residual_s,
+            "skipped_checks": [result.name for result in results if result.skipped],
+            "versions": _versions(),
+        }
+
+
+def _new_folder(parent: Path) -> Path:
+    folder = parent / f"{datetime.now(UTC):%Y%m%d-%H%M%S}"
+    try:
+        folder.mkdir(parents=True)
+    except OSError as error:
+        raise InputError(f"record.folder = {parent}: {error.strerror}; give a folder that you may write") from None
+    return folder
+
+
+def _versions() -> dict[str, str]:
+    return {name: version(name) for name in ("mine-companion", "mavsdk", "numpy", "numba")}

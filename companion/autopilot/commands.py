@@ -1,0 +1,94 @@
+"""Commands and their acknowledgements: COMMAND_LONG, sent again until answered."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import defaultdict
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from companion.autopilot.wire import AUTOPILOT_COMPONENT, ONBOARD_COMPONENT, LinkError, Message
+
+IN_PROGRESS = 5
+"""MAV_RESULT_IN_PROGRESS: heard, the final answer follows."""
+RESEND_S = 0.5
+LONGEST_S = 60.0
+"""A command that stays in progress for longer than this is given up."""
+PARAMS = 7
+
+
+class Commands:
+    """Asks one autopilot for commands.
+
+    Commands of the same number wait for each other, since an acknowledgement names nothing but the number; different
+    ones do not.
+
+    Args:
+        send: sends one message.
+        system_id: of the vehicle.
+    """
+
+    def __init__(self, send: Callable[[str, Mapping[str, Any]], None], system_id: int) -> None:
+        self._send = send
+        self._system_id = system_id
+        self._waiting: dict[int, asyncio.Queue[int]] = {}
+        self._turns: defaultdict[int, asyncio.Lock] = defaultdict(asyncio.Lock)
+
+    def acknowledged(self, message: Message) -> None:
+        """A COMMAND_ACK of the autopilot came in; those meant for others are ignored."""
+        system_id, component_id = message.fields.get("target_system", 0), message.fields.get("target_component", 0)
+        if system_id not in (0, self._system_id) or component_id not in (0, ONBOARD_COMPONENT):
+            return
+        command, result = message.fields.get("command"), message.fields.get("result")
+        if not isinstance(command, int) or not isinstance(result, int):
+            return
+        answers = self._waiting.get(command)
+        if answers is not None and not answers.full():
+            answers.put_nowait(result)
+
+    async def ask(self, command: int, params: tuple[float, ...], timeout_s: float) -> int:
+        """The MAV_RESULT of a command; "in progress" is waited for, ``timeout_s`` after each time it is heard.
+
+        Raises:
+            LinkError: no answer.
+        """
+        async with self._turns[command]:
+            answers: asyncio.Queue[int] = asyncio.Queue(maxsize=8)
+            self._waiting[command] = answers
+            try:
+                return await self._ask(command, params, timeout_s, answers)
+            finally:
+                del self._waiting[command]
+
+    async def _ask(self, command: int, params: tuple[float, ...], timeout_s: float, answers: asyncio.Queue[int]) -> int:
+        fields: dict[str, Any] = {
+            "target_system": self._system_id,
+            "target_component": AUTOPILOT_COMPONENT,
+            "command": command,
+        }
+        for i in range(PARAMS):
+            fields[f"param{i + 1}"] = params[i] if i < len(params) else 0.0
+        loop = asyncio.get_running_loop()
+        begun_s = loop.time()
+        deadline_s = begun_s + timeout_s
+        confirmation, heard = 0, False
+        next_send_s = begun_s
+        while (now_s := loop.time()) < deadline_s:
+            if not heard and now_s >= next_send_s:
+                self._send("COMMAND_LONG", fields | {"confirmation": min(confirmation, 255)})
+                confirmation += 1
+                next_send_s = now_s + RESEND_S
+            wait_s = (deadline_s if heard else min(deadline_s, next_send_s)) - now_s
+            try:
+                result = await asyncio.wait_for(answers.get(), max(wait_s, 0.001))
+            except TimeoutError:
+                continue
+            if result != IN_PROGRESS:
+                return result
+            heard = True
+            deadline_s = min(loop.time() + timeout_s, begun_s + LONGEST_S)
+        said = "it said 'in progress' and nothing more" if heard else f"asked {confirmation} times"
+        raise LinkError(
+            f"the autopilot (system {self._system_id}) did not answer command {command} within {timeout_s:g} s "
+            f"({said}); look at the link: is it still sending heartbeats?"
+        )

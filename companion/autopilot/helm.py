@@ -1,0 +1,135 @@
+"""Setpoints to the autopilot, each sent once. Nothing here repeats one: silence is the signal that we fail."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections.abc import Coroutine
+from typing import Any, TypeVar
+
+from companion.autopilot.commander import POLL_S, Commander
+from companion.autopilot.wire import AUTOPILOT_COMPONENT, LinkError
+from companion.frames import setpoint_to_frd
+from companion.model import Setpoint
+
+BODY_NED = 8
+VELOCITY_AND_YAW_RATE = 0x5C7
+"""Type mask: position, acceleration and yaw do not count."""
+FAILSAFE_SHOWS_S = 0.3
+"""A failsafe acts up to 0.12 s after its time limit; only a heartbeat from after that can tell."""
+HEARTBEAT_LOST_S = 3.0
+STREAM_BEFORE_S = 0.6
+"""PX4 takes the mode only when setpoints have been coming for a while."""
+
+_log = logging.getLogger(__name__)
+T = TypeVar("T")
+
+
+class Helm:
+    """Sends setpoints while the vehicle is ours and follows them.
+
+    Args:
+        commander: knows whose the vehicle is.
+        silence_s: the autopilot reacts when setpoints stop for this long.
+    """
+
+    def __init__(self, commander: Commander, silence_s: float) -> None:
+        self.silent_because: str | None = "not engaged"
+        """Why nothing was sent when that was last asked for; None when it was."""
+        self._commander = commander
+        self._silence_s = silence_s
+        self._engaged = False
+        self._last_sent_s = -math.inf
+
+    @property
+    def engaged(self) -> bool:
+        """Whether the autopilot follows our setpoints, as far as is known."""
+        return self._engaged and self._commander.watch.taken_over is None
+
+    async def engage(self) -> None:
+        """Take the mode in which the autopilot follows setpoints, streaming zero on PX4 until it has it.
+
+        Raises:
+            FlightError: the mode was refused.
+            TakenOver: somebody else has the vehicle.
+            LinkError: the autopilot does not answer.
+        """
+        commander = self._commander
+        offboard = commander.personality.offboard
+        if commander.personality.streams_before_mode:
+            await self.while_still(commander.sleep(STREAM_BEFORE_S))
+            await self.while_still(commander.mode(offboard))
+        else:
+            await commander.mode(offboard)
+        self._engaged = True
+        # Our own silence counts from here.
+        self._last_sent_s = commander.clock.now_s()
+
+    def release(self) -> None:
+        """From here on `send` sends nothing."""
+        self._engaged = False
+
+    async def while_still(self, work: Coroutine[Any, Any, T]) -> T:
+        """Do something while the vehicle is asked to stand still, 20 times a second."""
+        task = asyncio.create_task(work)
+        try:
+            while not task.done():
+                self._commander.check_ours()
+                self._transmit(Setpoint(self._commander.clock.now_s(), 0.0, 0.0, 0.0))
+                await self._commander.sleep(POLL_S)
+            return task.result()
+        finally:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+
+    def send(self, setpoint: Setpoint) -> bool:
+        """Send one setpoint: whether it went out. When it did not, `silent_because` says why."""
+        why = self._why_not(setpoint)
+        if why is None:
+            try:
+                self._transmit(setpoint)
+            except LinkError as error:
+                why = str(error)
+        if why is not None and why != self.silent_because:
+            _log.warning("no setpoint is sent: %s", why)
+        self.silent_because = why
+        return why is None
+
+    def _why_not(self, setpoint: Setpoint) -> str | None:
+        commander = self._commander
+        commander.look()
+        if commander.watch.taken_over is not None:
+            return f"somebody else has the vehicle (mode {commander.watch.taken_over})"
+        if not self._engaged:
+            return "not engaged"
+        if not all(map(math.isfinite, (setpoint.t_s, setpoint.speed_mps, setpoint.climb_mps, setpoint.yaw_rate_radps))):
+            return "the setpoint is not finite"
+        now_s, heartbeat_s = commander.clock.now_s(), commander.watch.heartbeat_s
+        if now_s - heartbeat_s > HEARTBEAT_LOST_S:
+            return f"no heartbeat of the autopilot for {HEARTBEAT_LOST_S:g} s"
+        failsafe_s = self._last_sent_s + self._silence_s
+        # PX4 returns to offboard on the first setpoint: after a silence that may have let its failsafe act, nothing is
+        # sent before a heartbeat has told whether it did.
+        if now_s > failsafe_s and heartbeat_s < failsafe_s + FAILSAFE_SHOWS_S:
+            return "setpoints stopped for too long: waiting for the autopilot to tell its mode"
+        return None
+
+    def _transmit(self, setpoint: Setpoint) -> None:
+        link = self._commander.link
+        velocity = setpoint_to_frd(setpoint)
+        fields = dict.fromkeys(("x", "y", "z", "afx", "afy", "afz", "yaw"), 0.0)
+        fields |= {"vx": velocity.vx_mps, "vy": velocity.vy_mps, "vz": velocity.vz_mps}
+        link.send(
+            "SET_POSITION_TARGET_LOCAL_NED",
+            {
+                "time_boot_ms": int(setpoint.t_s * 1000.0) & 0xFFFFFFFF,
+                "target_system": link.system_id,
+                "target_component": AUTOPILOT_COMPONENT,
+                "coordinate_frame": BODY_NED,
+                "type_mask": VELOCITY_AND_YAW_RATE,
+                **fields,
+                "yaw_rate": velocity.yaw_rate_radps,
+            },
+        )
+        self._last_sent_s = self._commander.clock.now_s()

@@ -1,0 +1,60 @@
+"""Who speaks on the line, so that an error can say what was heard instead of our autopilot."""
+
+from __future__ import annotations
+
+from mavsdk.connection_result import ConnectionResult
+
+from companion.autopilot.kind import AutopilotKind
+from companion.autopilot.wire import AUTOPILOT_COMPONENT, Message
+from companion.config.autopilot import AutopilotSettings
+
+KINDS = {12: AutopilotKind.PX4, 3: AutopilotKind.ARDUPILOT}
+"""MAV_AUTOPILOT of the heartbeat."""
+NO_AUTOPILOT = 8
+"""MAV_AUTOPILOT_INVALID: says a component that is none."""
+REMEMBERED = 64
+
+
+def _firmware(heartbeat: Message) -> int:
+    firmware = heartbeat.fields.get("autopilot")
+    return firmware if isinstance(firmware, int) else NO_AUTOPILOT
+
+
+def kind_of(heartbeat: Message) -> AutopilotKind | None:
+    """Which firmware sent a heartbeat; None when it is none that we fly."""
+    return KINDS.get(_firmware(heartbeat))
+
+
+class Neighbours:
+    """Remembers the senders of heartbeats, 64 at most."""
+
+    def __init__(self, settings: AutopilotSettings) -> None:
+        self._settings = settings
+        self._seen: dict[tuple[int, int], int] = {}  # (system, component) -> MAV_AUTOPILOT
+
+    def note(self, heartbeat: Message) -> None:
+        """Somebody is there."""
+        if len(self._seen) < REMEMBERED:
+            self._seen[heartbeat.system_id, heartbeat.component_id] = _firmware(heartbeat)
+
+    def instead_of_ours(self, opened: ConnectionResult) -> str:
+        """The error for a person: our autopilot did not come; what did, and what to do."""
+        url, system_id = self._settings.url, self._settings.system_id
+        begin = f"no autopilot of system {system_id} on {url} within {self._settings.connect_timeout_s:g} s: "
+        if opened is not ConnectionResult.SUCCESS:
+            why = opened.name.lower().replace("_", " ")
+            return f"{begin}it cannot be opened ({why}). Is the cable in, and may this user read it? See autopilot.url"
+        ours = self._seen.get((system_id, AUTOPILOT_COMPONENT), NO_AUTOPILOT)
+        if ours not in KINDS and ours != NO_AUTOPILOT:
+            return f"{begin}its firmware (MAV_AUTOPILOT {ours}) is neither PX4 (12) nor ArduPilot (3)"
+        others = sorted({system for (system, _), autopilot in self._seen.items() if autopilot in KINDS} - {system_id})
+        if others:
+            names = ", ".join(map(str, others))
+            return f"{begin}only autopilots of other systems: {names}. Set autopilot.system_id to the one to fly"
+        if self._seen:
+            names = ", ".join(f"{system}/{component}" for system, component in sorted(self._seen))
+            return f"{begin}only senders that are no autopilot (system/component {names}). Is the autopilot on?"
+        return (
+            f"{begin}nothing at all was heard. Is the autopilot on, does it send MAVLink to this address, "
+            "and does no other program listen on the same port?"
+        )

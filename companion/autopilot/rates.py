@@ -1,0 +1,71 @@
+"""Which messages the autopilot has to send how often, and asking again when it does not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from companion.autopilot.kind import AutopilotKind
+from companion.autopilot.wire import AUTOPILOT_COMPONENT, Link
+
+SET_MESSAGE_INTERVAL = 511
+ASK_AGAIN_S = 3.0
+"""Longer than the window in which rates are measured, so that an answer shows before it is asked again."""
+ENOUGH = 0.5
+"""Share of the rate asked for below which it is asked for again: an autopilot that restarted has forgotten it."""
+
+_IDS = {
+    "SYS_STATUS": 1,
+    "ATTITUDE": 30,
+    "LOCAL_POSITION_NED": 32,
+    "BATTERY_STATUS": 147,
+    "EKF_STATUS_REPORT": 193,
+    "ESTIMATOR_STATUS": 230,
+    "EXTENDED_SYS_STATE": 245,
+}
+
+ESTIMATOR = {AutopilotKind.PX4: "ESTIMATOR_STATUS", AutopilotKind.ARDUPILOT: "EKF_STATUS_REPORT"}
+"""In which message each firmware says how its estimator is."""
+
+
+def wanted_hz(kind: AutopilotKind, attitude_hz: float, position_hz: float) -> dict[str, float]:
+    """Message name -> rate for everything that telemetry reads."""
+    return {
+        "ATTITUDE": attitude_hz,
+        "LOCAL_POSITION_NED": position_hz,
+        "SYS_STATUS": 1.0,
+        "BATTERY_STATUS": 1.0,
+        "EXTENDED_SYS_STATE": 2.0,
+        ESTIMATOR[kind]: 2.0,
+    }
+
+
+class Rates:
+    """Asks by SET_MESSAGE_INTERVAL, without waiting for answers: the measured rate is the answer."""
+
+    def __init__(self, link: Link, wanted: Mapping[str, float]) -> None:
+        self._link = link
+        self._wanted = {name: (hz, link.watch(name)) for name, hz in wanted.items()}
+        self._asked_s: dict[str, float] = {}
+
+    def ask_where_missing(self, now_s: float) -> None:
+        """Ask for each message that comes too rarely and has not just been asked for."""
+        for name, (hz, stream) in self._wanted.items():
+            asked_s = self._asked_s.get(name)
+            if asked_s is not None and (now_s - asked_s < ASK_AGAIN_S or stream.rate_hz(now_s) >= ENOUGH * hz):
+                continue
+            self._asked_s[name] = now_s
+            self._link.send(
+                "COMMAND_LONG",
+                {
+                    "target_system": self._link.system_id,
+                    "target_component": AUTOPILOT_COMPONENT,
+                    "command": SET_MESSAGE_INTERVAL,
+                    "confirmation": 0,
+                    "param1": float(_IDS[name]),
+                    "param2": 1e6 / hz,
+                },
+            )
+
+    def restart(self) -> None:
+        """The autopilot was started again: everything has to be asked for anew."""
+        self._asked_s.clear()

@@ -1,0 +1,180 @@
+"""From the ground to the measured height. Each autopilot has its own order of steps; the height is measured by us.
+
+PX4 with GPS: hold, arm, take off. PX4 without GPS: it cannot hold without a global origin, so it arms in offboard and
+climbs by our setpoints. ArduPilot: guided (it does not arm in brake), arm, take off, and no setpoint before it flies:
+velocity setpoints suppress the take-off.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+
+from companion.autopilot.commander import POLL_S, Commander, FlightError
+from companion.autopilot.helm import Helm
+from companion.autopilot.kind import AutopilotKind
+from companion.autopilot.personality import ACCEPTED, NAV_TAKEOFF, result_name
+from companion.autopilot.takeover import DISARMED
+from companion.autopilot.wire import Link
+from companion.config.control import ControlSettings
+from companion.model import Setpoint
+
+NEAR_M = 0.2
+"""Within this of the height asked for ..."""
+SETTLED_S = 1.0
+"""... for this long, it is reached."""
+LIFTED_M = 0.2
+"""Higher than this above where it stood, the vehicle flies."""
+RISING_M = 0.05
+STALLED_S = 2.0
+"""PX4 ends its take-off below the height and then creeps; when it rises less than `RISING_M` in this time we go on."""
+BLIND_RISE_M = 0.5
+"""Near the ground the beam may see nothing yet: so far the climb may go on by the autopilot's own estimate."""
+TAKE_OFF_HEIGHT = "MIS_TAKEOFF_ALT"
+
+ORIGIN_LATITUDE_E7, ORIGIN_LONGITUDE_E7, ORIGIN_ALTITUDE_MM = 473977418, 85455939, 488000
+"""Any place on Earth does: without GPS the autopilot only needs to have one."""
+
+_log = logging.getLogger(__name__)
+Height = Callable[[], float | None]
+
+
+def send_origin(link: Link, now_s: float) -> None:
+    """Tell an autopilot without GPS where on Earth its origin is meant to be: hold (PX4) and home (ArduPilot) need one.
+
+    PX4 is ready to arm about 5 s later.
+
+    Raises:
+        LinkError: the link is gone.
+    """
+    link.send(
+        "SET_GPS_GLOBAL_ORIGIN",
+        {
+            "target_system": link.system_id,
+            "latitude": ORIGIN_LATITUDE_E7,
+            "longitude": ORIGIN_LONGITUDE_E7,
+            "altitude": ORIGIN_ALTITUDE_MM,
+            "time_usec": int(now_s * 1e6),
+        },
+    )
+
+
+class TakeOff:
+    """One take-off.
+
+    Args:
+        commander: modes and commands.
+        helm: setpoints.
+        law: gain and limit of the climb by our own setpoints.
+        gps: whether the autopilot knows its position by GPS.
+        measured_m: the measured height above ground, None while it is not known.
+        risen_m: how far the autopilot's own estimate has risen since it was armed, None when it is not known.
+    """
+
+    def __init__(
+        self,
+        commander: Commander,
+        helm: Helm,
+        law: ControlSettings,
+        gps: bool,
+        measured_m: Height,
+        risen_m: Height,
+    ) -> None:
+        self._commander = commander
+        self._helm = helm
+        self._law = law
+        self._gps = gps
+        self._measured_m = measured_m
+        self._risen_m = risen_m
+
+    async def run(self, height_m: float, timeout_s: float) -> None:
+        """Arm and climb until the measured height has stayed within 0.2 m of ``height_m`` for 1 s.
+
+        Args:
+            height_m: above ground.
+            timeout_s: for all of it.
+
+        Raises:
+            FlightError: refused, or not reached in time.
+            TakenOver: somebody else changed the mode.
+            LinkError: the autopilot does not answer.
+        """
+        commander = self._commander
+        began_s = commander.clock.now_s()
+        if commander.watch.armed:
+            raise FlightError("cannot take off: the vehicle is armed already, and not by this application")
+        if not self._gps:
+            send_origin(commander.link, began_s)
+        if commander.link.kind is AutopilotKind.ARDUPILOT:
+            await commander.mode(commander.personality.offboard)
+            await commander.arm()
+            await self._command((0.0,) * 6 + (height_m,))
+        elif self._gps:
+            await commander.mode(commander.personality.hold)
+            await self._set_height(height_m)
+            await commander.arm()
+            # Not finite: here, as high as its parameter says.
+            await self._command((0.0, 0.0, 0.0) + (math.nan,) * 4)
+        else:
+            await self._helm.engage()
+            await self._helm.while_still(commander.arm())
+        await self._climb(height_m, began_s, timeout_s)
+
+    async def _set_height(self, height_m: float) -> None:
+        link = self._commander.link
+        found = await link.get_param(TAKE_OFF_HEIGHT)
+        if found is None:
+            _log.warning("the autopilot has no %s: it takes off to a height of its own", TAKE_OFF_HEIGHT)
+        elif not math.isclose(found, height_m, abs_tol=0.01):
+            await link.set_param(TAKE_OFF_HEIGHT, height_m)
+
+    async def _command(self, parameters: tuple[float, ...]) -> None:
+        commander = self._commander
+        commander.check_ours()
+        asked_s = commander.clock.now_s()
+        commander.watch.ask(commander.personality.taking_off)
+        result = await commander.command(NAV_TAKEOFF, *parameters)
+        if result != ACCEPTED:
+            raise commander.failure(f"the autopilot refuses to take off ({result_name(result)})", asked_s)
+
+    async def _climb(self, height_m: float, began_s: float, timeout_s: float) -> None:
+        commander, clock = self._commander, self._commander.clock
+        ground_m = self._measured_m() or 0.0
+        highest_m, highest_s = -math.inf, clock.now_s()
+        near_s: float | None = None
+        while True:
+            now_s, now_m = clock.now_s(), self._measured_m()
+            commander.look()
+            if commander.watch.taken_over == DISARMED:
+                raise commander.failure("the autopilot disarmed before the height was reached", began_s)
+            commander.check_ours()
+            if now_s - began_s > timeout_s:
+                shown = "not measured" if now_m is None else f"{now_m:.2f} m"
+                raise commander.failure(
+                    f"{height_m:g} m above ground not reached within {timeout_s:g} s: the height is {shown}",
+                    began_s,
+                )
+            if now_m is not None and now_m > highest_m + RISING_M:
+                highest_m, highest_s = now_m, now_s
+            if now_m is None or abs(now_m - height_m) > NEAR_M:
+                near_s = None
+            elif near_s is None:
+                near_s = now_s
+            elif now_s - near_s >= SETTLED_S:
+                return
+            if self._helm.engaged:
+                self._helm.send(Setpoint(now_s, 0.0, self._climb_mps(height_m, now_m), 0.0))
+            elif near_s is None and highest_m > ground_m + LIFTED_M and now_s - highest_s > STALLED_S:
+                _log.info("the autopilot's take-off ended at %.2f m: climbing on by setpoints", highest_m)
+                await self._helm.engage()
+            await commander.sleep(POLL_S)
+
+    def _climb_mps(self, height_m: float, now_m: float | None) -> float:
+        """The height law (6) of the paper; nothing when the height is not known, except near the ground."""
+        if now_m is None:
+            now_m = self._risen_m()
+            if now_m is None or now_m > BLIND_RISE_M:
+                return 0.0
+        limit_mps = self._law.max_climb_mps
+        return min(max(self._law.height_gain_per_s * (height_m - now_m), -limit_mps), limit_mps)

@@ -1,0 +1,248 @@
+"""What the autopilot measures and says: poses by its own clock, and the state of the vehicle."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections import deque
+
+from companion.autopilot import vehicle_state
+from companion.autopilot.personality import mode_name
+from companion.autopilot.rates import ESTIMATOR, Rates, wanted_hz
+from companion.autopilot.vehicle_state import StatusText, VehicleState, integer, number
+from companion.autopilot.wire import AUTOPILOT_COMPONENT, Link, Message, Stream
+from companion.clock import Clock, ClockAlignment
+from companion.frames import NedPose, pose_from_ned
+from companion.model import Pose
+from companion.poses import LARGEST, PoseBuffer
+
+PERIOD_S = 0.1
+TIMESYNC_FIRST_S = 5.0
+TIMESYNC_QUICK_S = 0.5
+TIMESYNC_SLOW_S = 5.0
+UNCERTAIN_S = 0.02
+"""While the clocks are known no better than this, the quick rate goes on: a simulation that does not keep real time."""
+QUESTIONS = 16
+"""TIMESYNC questions that may be open; older ones are forgotten."""
+TEXTS = 20
+STALE_S = 3.0
+"""Answers of the estimator and of the landing detector, asked for at 2 Hz, count no longer than this."""
+BATTERY_STALE_S = 10.0
+LEAP_M = 0.5
+"""A position that is this far from where the last one and its velocity lead was set anew by the estimator."""
+REQUEST_MESSAGE = 512
+AUTOPILOT_VERSION_ID = 148
+ARMED_FLAG = 128
+NANOSECONDS = 1e-9
+
+
+class Telemetry:
+    """Feeds `poses` and knows the `state` of the vehicle. `run` asks the autopilot for what is missing.
+
+    Poses are stamped with the autopilot's ``time_boot_ms``, moved to our clock by TIMESYNC round trips. Where the
+    answers are about another clock than ``time_boot_ms`` the least delay of the messages is used (`ClockAlignment`).
+
+    Args:
+        link: to the autopilot.
+        clock: ours.
+        attitude_hz: rate asked for.
+        position_hz: rate asked for.
+
+    Attributes:
+        poses: of the last seconds, in ENU/FLU.
+        restarts: how often the autopilot's clock began anew.
+        leaps: how often its estimate of the position did.
+        malformed: messages without the numbers that they should have, or with absurd ones.
+    """
+
+    def __init__(self, link: Link, clock: Clock, attitude_hz: float = 50.0, position_hz: float = 50.0) -> None:
+        self.poses = PoseBuffer()
+        self.restarts = 0
+        self.leaps = 0
+        self.malformed = 0
+        self._link = link
+        self._clock = clock
+        self._alignment = ClockAlignment()
+        self._rates = Rates(link, wanted_hz(link.kind, attitude_hz, position_hz))
+        self._questions: deque[tuple[int, float]] = deque(maxlen=QUESTIONS)  # ts1, when
+        self._begun_s: float | None = None
+        self._asked_time_s = -math.inf
+        self._asked_version_s = -math.inf
+        self._position: Pose | None = None
+        self._texts: deque[StatusText] = deque(maxlen=TEXTS)
+        self._heartbeats = link.watch("HEARTBEAT")
+        self._version = link.watch("AUTOPILOT_VERSION")
+        self._system = link.watch("SYS_STATUS")
+        self._battery = link.watch("BATTERY_STATUS")
+        self._landed = link.watch("EXTENDED_SYS_STATE")
+        self._estimator = link.watch(ESTIMATOR[link.kind])
+        link.events("ATTITUDE", self._attitude_came)
+        link.events("LOCAL_POSITION_NED", self._position_came)
+        link.events("TIMESYNC", self._time_came)
+        link.events("STATUSTEXT", self._text_came)
+
+    async def run(self) -> None:
+        """Keep asking, until cancelled."""
+        while True:
+            self.ask(self._clock.now_s())
+            await asyncio.sleep(PERIOD_S)
+
+    def ask(self, now_s: float) -> None:
+        """Ask for whatever is due at ``now_s``: rates, the time, the version."""
+        if self._begun_s is None:
+            self._begun_s = now_s
+        self._rates.ask_where_missing(now_s)
+        residual_s = self.clock_residual_s
+        quick = now_s - self._begun_s < TIMESYNC_FIRST_S or residual_s is None or residual_s > UNCERTAIN_S
+        if now_s - self._asked_time_s >= (TIMESYNC_QUICK_S if quick else TIMESYNC_SLOW_S):
+            self._ask_time(now_s)
+        if self._version.newest is None and now_s - self._asked_version_s >= TIMESYNC_SLOW_S:
+            self._asked_version_s = now_s
+            self._link.send(
+                "COMMAND_LONG",
+                {
+                    "target_system": self._link.system_id,
+                    "target_component": AUTOPILOT_COMPONENT,
+                    "command": REQUEST_MESSAGE,
+                    "confirmation": 0,
+                    "param1": float(AUTOPILOT_VERSION_ID),
+                },
+            )
+
+    @property
+    def clock_residual_s(self) -> float | None:
+        """Bound of the error between the autopilot's clock and ours, in s; None until aligned."""
+        return self._alignment.residual_s
+
+    @property
+    def texts(self) -> tuple[StatusText, ...]:
+        """The last STATUSTEXTs, oldest first."""
+        return tuple(self._texts)
+
+    def state(self, now_s: float) -> VehicleState:
+        """Everything that is known at ``now_s``."""
+        heartbeat = self._heartbeats.newest
+        custom_mode = None if heartbeat is None else integer(heartbeat, "custom_mode")
+        flags = 0 if heartbeat is None else integer(heartbeat, "base_mode") or 0
+        pose = self.poses.newest()
+        landed = _fresh(self._landed, now_s, STALE_S)
+        estimator = _fresh(self._estimator, now_s, STALE_S)
+        return VehicleState(
+            armed=bool(flags & ARMED_FLAG),
+            mode="unknown" if custom_mode is None else mode_name(self._link.kind, custom_mode),
+            landed=None if landed is None else vehicle_state.landed(landed),
+            battery_percent=self._battery_percent(now_s),
+            heartbeat_age_s=self._heartbeats.age_s(now_s),
+            pose_age_s=math.inf if pose is None else now_s - pose.t_s,
+            position_valid=estimator is not None and vehicle_state.position_valid(self._link.kind, estimator),
+            version=None if self._version.newest is None else vehicle_state.version(self._version.newest),
+            texts=self.texts,
+        )
+
+    def _battery_percent(self, now_s: float) -> float | None:
+        for stream in (self._system, self._battery):
+            message = _fresh(stream, now_s, BATTERY_STALE_S)
+            percent = None if message is None else vehicle_state.battery_percent(message)
+            if percent is not None:
+                return percent
+        return None
+
+    def _ask_time(self, now_s: float) -> None:
+        self._asked_time_s = now_s
+        # Its own clock, so that the time is that of the sending and not that of a tick which began earlier.
+        sent_s = self._clock.now_s()
+        question = int(sent_s / NANOSECONDS)
+        self._questions.append((question, sent_s))
+        self._link.send("TIMESYNC", {"tc1": 0, "ts1": question})
+
+    def _time_came(self, message: Message) -> None:
+        answer, question = integer(message, "tc1"), integer(message, "ts1")
+        if not answer or answer < 0:
+            return  # a question of the autopilot's own
+        for asked, sent_s in self._questions:
+            if asked == question:
+                self._questions.remove((asked, sent_s))
+                self._alignment.add(sent_s, answer * NANOSECONDS, message.received_s)
+                return
+
+    def _stamp_s(self, message: Message) -> float | None:
+        """When a message was measured, on our clock: never later than it arrived."""
+        boot_ms = number(message, "time_boot_ms")
+        restarts = self._alignment.restarts
+        self._alignment.add_one_way(1e-3 * boot_ms, message.received_s)
+        if self._alignment.restarts != restarts:
+            self._restarted(message.received_s)
+        stamp_s = self._alignment.to_local_s(1e-3 * boot_ms)
+        return None if stamp_s is None else min(stamp_s, message.received_s)
+
+    def _restarted(self, now_s: float) -> None:
+        self.restarts += 1
+        self.poses.clear()
+        self._position = None
+        self._questions.clear()
+        self._rates.restart()
+        self._begun_s = now_s
+
+    def _attitude_came(self, message: Message) -> None:
+        pose = self._pose(
+            message,
+            roll_rad=number(message, "roll"),
+            pitch_rad=number(message, "pitch"),
+            yaw_rad=number(message, "yaw"),
+            yaw_rate_radps=number(message, "yawspeed"),
+        )
+        if pose is not None:
+            self.poses.add_attitude(pose.t_s, pose.roll_rad, pose.pitch_rad, pose.yaw_rad, pose.yaw_rate_radps)
+
+    def _position_came(self, message: Message) -> None:
+        pose = self._pose(
+            message,
+            north_m=number(message, "x"),
+            east_m=number(message, "y"),
+            down_m=number(message, "z"),
+            v_north_mps=number(message, "vx"),
+            v_east_mps=number(message, "vy"),
+            v_down_mps=number(message, "vz"),
+        )
+        if pose is None:
+            return
+        if self._position is not None and _leapt(self._position, pose):
+            self.leaps += 1
+            self.poses.clear()
+        if self._position is None or pose.t_s > self._position.t_s:
+            self._position = pose
+        self.poses.add_position(pose.t_s, pose.x_m, pose.y_m, pose.z_m, pose.vx_mps, pose.vy_mps, pose.vz_mps)
+
+    def _pose(self, message: Message, **ned: float) -> Pose | None:
+        """The numbers of one message, in our frames; what it does not say is zero."""
+        t_s = self._stamp_s(message)
+        if t_s is None or not all(abs(value) <= LARGEST for value in ned.values()):
+            self.malformed += 1
+            return None
+        return pose_from_ned(NedPose(**(dict.fromkeys(NedPose.__slots__, 0.0) | ned | {"t_s": t_s})))
+
+    def _text_came(self, message: Message) -> None:
+        text, severity = message.fields.get("text"), integer(message, "severity")
+        if not isinstance(text, str) or severity is None:
+            self.malformed += 1
+            return
+        self._texts.append(StatusText(message.received_s, severity, text))
+
+
+def _fresh(stream: Stream, now_s: float, longest_s: float) -> Message | None:
+    return stream.newest if stream.age_s(now_s) <= longest_s else None
+
+
+def _leapt(before: Pose, after: Pose) -> bool:
+    """Whether a position cannot have come from the one before by flying."""
+    dt_s = after.t_s - before.t_s
+    if not 0.0 < dt_s < 1.0:
+        return False
+    return (
+        math.hypot(
+            after.x_m - before.x_m - 0.5 * (before.vx_mps + after.vx_mps) * dt_s,
+            after.y_m - before.y_m - 0.5 * (before.vy_mps + after.vy_mps) * dt_s,
+            after.z_m - before.z_m - 0.5 * (before.vz_mps + after.vz_mps) * dt_s,
+        )
+        > LEAP_M
+    )

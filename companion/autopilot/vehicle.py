@@ -1,0 +1,237 @@
+"""The vehicle as the application flies it: take off, engage, one setpoint a tick, hold, land.
+
+Left behind, it holds or lands. When somebody else takes it, a pilot or a failsafe of the autopilot, they are obeyed at
+once and it is never taken back.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from types import TracebackType
+from typing import Self
+
+from companion.autopilot.commander import POLL_S, Commander, FlightError, Sleep, TakenOver
+from companion.autopilot.helm import Helm
+from companion.autopilot.personality import ACCEPTED, ARM_DISARM
+from companion.autopilot.take_off import TakeOff
+from companion.autopilot.telemetry import Telemetry
+from companion.autopilot.wire import Link, LinkError
+from companion.clock import Clock
+from companion.config.settings import Settings
+from companion.errors import CompanionError
+from companion.model import Setpoint
+
+LAND_S = 60.0
+LEAVE_S = 8.0
+"""The end of the block may take this long: two modes to ask for, each shown by a heartbeat."""
+LEAVE_COMMAND_S = 2.0
+"""Time for each acknowledgement then."""
+
+__all__ = ["FlightError", "TakenOver", "Vehicle"]
+_log = logging.getLogger(__name__)
+
+
+class Vehicle:
+    """One vehicle on a link, as an async context manager: leaving the block leaves it holding or landing.
+
+    Args:
+        link: to the autopilot.
+        telemetry: what the autopilot says of itself.
+        settings: the whole configuration.
+        clock: what time it is.
+        sleep: waits for a time in s; tests hand in one that moves their clock.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        telemetry: Telemetry,
+        settings: Settings,
+        clock: Clock,
+        sleep: Sleep = asyncio.sleep,
+    ) -> None:
+        self._telemetry = telemetry
+        self._settings = settings
+        self._clock = clock
+        self._commander = Commander(link, telemetry, clock, settings.autopilot.command_timeout_s, sleep)
+        self._helm = Helm(self._commander, settings.autopilot.silence_s)
+        self._start_z_m: float | None = None
+
+    @property
+    def pilot_took_over(self) -> bool:
+        """Whether somebody else has the vehicle: a pilot or a failsafe of the autopilot. Once True, always True."""
+        return self._commander.watch.taken_over is not None
+
+    @property
+    def foreign_mode(self) -> str | None:
+        """The mode that somebody else chose, or ``disarmed``; None while the vehicle is ours."""
+        return self._commander.watch.taken_over
+
+    @property
+    def engaged(self) -> bool:
+        """Whether the autopilot follows our setpoints, as far as is known."""
+        return self._helm.engaged
+
+    @property
+    def silent_because(self) -> str | None:
+        """Why `send` sent nothing when it was last called; None when it did."""
+        return self._helm.silent_because
+
+    async def take_off(self, height_m: float, measured_height_m: Callable[[], float | None]) -> None:
+        """Arm, take off, and return when the measured height has been within 0.2 m of ``height_m`` for 1 s.
+
+        The vehicle may be engaged already when this returns, so `engage` should follow at once.
+
+        Args:
+            height_m: above ground.
+            measured_height_m: the measured height above ground, None while it is not known.
+
+        Raises:
+            FlightError: the autopilot refused, or the height was not reached in time; with the autopilot's texts.
+            TakenOver: somebody else changed the mode.
+            LinkError: the autopilot does not answer.
+        """
+        pose = self._telemetry.poses.newest()
+        self._start_z_m = None if pose is None else pose.z_m
+        take_off = TakeOff(
+            self._commander,
+            self._helm,
+            self._settings.control,
+            self._settings.autopilot.gps,
+            measured_height_m,
+            self._risen_m,
+        )
+        await take_off.run(height_m, self._settings.mission.take_off_timeout_s)
+
+    async def engage(self) -> None:
+        """Make the autopilot follow our setpoints: offboard on PX4, guided on ArduPilot. Returns when it does.
+
+        Setpoints must follow within ``autopilot.silence_s``.
+
+        Raises:
+            FlightError: not flying, or the mode was refused.
+            TakenOver: somebody else has the vehicle.
+            LinkError: the autopilot does not answer.
+        """
+        self._commander.check_ours()
+        if not self._commander.maybe_armed:
+            raise FlightError("cannot engage: the vehicle is not armed, it has to take off first")
+        if not self._helm.engaged:
+            await self._helm.engage()
+
+    def send(self, setpoint: Setpoint) -> bool:
+        """Send one setpoint to the autopilot, now and once.
+
+        Nothing is sent when the vehicle is not engaged, when somebody else has it, when the setpoint is not finite,
+        when the autopilot has not been heard for 3 s, and when setpoints had stopped for longer than
+        ``autopilot.silence_s`` and no heartbeat has told yet what the autopilot made of it.
+
+        Returns:
+            Whether it went out; `silent_because` says why it did not.
+        """
+        return self._helm.send(setpoint)
+
+    async def hold(self) -> None:
+        """Stop and stay: hold on PX4, brake on ArduPilot.
+
+        Raises:
+            FlightError: the mode was refused, as PX4 does without a global origin.
+            TakenOver: somebody else has the vehicle.
+            LinkError: the autopilot does not answer.
+        """
+        self._helm.release()
+        await self._commander.mode(self._commander.personality.hold)
+
+    async def land(self, timeout_s: float = LAND_S) -> bool:
+        """Land where it is.
+
+        Returns:
+            True when it has landed and disarmed, False when that took longer than ``timeout_s``: it lands on.
+
+        Raises:
+            FlightError: the mode was refused.
+            TakenOver: somebody else has the vehicle.
+            LinkError: the autopilot does not answer.
+        """
+        self._helm.release()
+        give_up_s = self._clock.now_s() + timeout_s
+        await self._commander.mode(self._commander.personality.land, may_disarm=True)
+        while self._commander.maybe_armed:
+            self._commander.check_ours()
+            if self._clock.now_s() > give_up_s:
+                return False
+            await self._commander.sleep(POLL_S)
+        return True
+
+    async def __aenter__(self) -> Self:
+        self._commander.look()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._helm.release()
+        leaving = asyncio.create_task(self._leave())
+        cancelled: asyncio.CancelledError | None = None
+        while not leaving.done():
+            try:
+                await asyncio.shield(leaving)
+            except asyncio.CancelledError as cancellation:
+                # Whoever is in a hurry waits: it is over within seconds, and the vehicle must not fly on.
+                cancelled = cancellation
+        leaving.result()
+        if cancelled is not None and error is None:
+            raise cancelled
+
+    async def _leave(self) -> None:
+        """Hold or land, whatever happened, within `LEAVE_S`. What goes wrong is logged: what led here is to be seen."""
+        try:
+            async with asyncio.timeout(LEAVE_S):
+                await self._end()
+        except TakenOver as taken_over:
+            _log.warning("%s", taken_over)
+        except (CompanionError, TimeoutError) as failure:
+            _log.error(
+                "the vehicle could not be told to hold or land (%s): nothing more is sent, and the autopilot's own "
+                "failsafe has to end this flight",
+                str(failure) or f"no answer within {LEAVE_S:g} s",
+            )
+
+    async def _end(self) -> None:
+        commander, ours = self._commander, self._commander.personality
+        if not (commander.asked_to_arm and commander.maybe_armed):
+            return
+        commander.check_ours()
+        if self._telemetry.state(self._clock.now_s()).landed and await self._disarmed():
+            return
+        end, other = ours.hold, ours.land
+        if self._settings.mission.end_action == "land":
+            end, other = other, end
+        if commander.watch.confirmed and commander.watch.ours <= {end, ours.land}:
+            return
+        try:
+            await self._leave_in(end)
+        except TakenOver:
+            raise
+        except CompanionError as refusal:
+            _log.warning("%s", refusal)
+            await self._leave_in(other)
+
+    async def _leave_in(self, mode: int) -> None:
+        may_disarm = mode == self._commander.personality.land
+        await self._commander.mode(mode, may_disarm, LEAVE_COMMAND_S)
+
+    async def _disarmed(self) -> bool:
+        """Disarm on the ground. In the air the autopilot refuses, which is why this may be asked at all."""
+        try:
+            return await self._commander.command(ARM_DISARM, 0.0, timeout_s=LEAVE_COMMAND_S) == ACCEPTED
+        except LinkError:
+            return False
+
+    def _risen_m(self) -> float | None:
+        pose = self._telemetry.poses.newest()
+        if pose is None or self._start_z_m is None:
+            return None
+        return pose.z_m - self._start_z_m

@@ -1,0 +1,98 @@
+"""What the autopilot says of itself, and how its messages are read. Pure."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from companion.autopilot.kind import AutopilotKind
+from companion.autopilot.wire import Message
+
+# Bits of ESTIMATOR_STATUS.flags and EKF_STATUS_REPORT.flags: the first eight are the same.
+_ATTITUDE, _VELOCITY_HORIZONTAL, _VELOCITY_VERTICAL = 1, 2, 4
+_POSITION_RELATIVE, _POSITION_ABSOLUTE = 8, 16
+_CONSTANT_POSITION = 128
+_UNINITIALIZED = 1024  # ArduPilot; on PX4 this bit is a GPS glitch
+_ACCELEROMETER_ERROR = 2048  # PX4
+
+_VERSION_TYPES = ((255, ""), (192, "-rc"), (128, "-beta"), (64, "-alpha"), (0, "-dev"))
+
+
+@dataclass(frozen=True, slots=True)
+class StatusText:
+    """One STATUSTEXT: severity 0 (emergency) to 7 (debug), as MAV_SEVERITY."""
+
+    received_s: float
+    severity: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleState:
+    """The vehicle at one moment, as far as it has said. What is unknown or too old is None, or False where a bool.
+
+    Attributes:
+        armed: by the newest heartbeat, up to 1 s late.
+        mode: as the users of the autopilot call it; "unknown" before the first heartbeat.
+        landed: None when the autopilot does not say.
+        battery_percent: 0 to 100; None when not measured.
+        heartbeat_age_s: infinite before the first.
+        pose_age_s: of the newest complete pose, by the time at which it was measured.
+        position_valid: the estimator knows attitude, velocity and a position (relative is enough, GPS is not needed).
+        version: of the firmware, for example "1.15.0" or "4.7.0-dev".
+        texts: the last STATUSTEXTs, oldest first.
+    """
+
+    armed: bool
+    mode: str
+    landed: bool | None
+    battery_percent: float | None
+    heartbeat_age_s: float
+    pose_age_s: float
+    position_valid: bool
+    version: str | None
+    texts: tuple[StatusText, ...]
+
+
+def number(message: Message, name: str) -> float:
+    """A field as a number; NaN when it is missing or none."""
+    value = message.fields.get(name)
+    return float(value) if isinstance(value, (int, float)) else math.nan
+
+
+def integer(message: Message, name: str) -> int | None:
+    """A field as an integer; None when it is missing or none."""
+    value = message.fields.get(name)
+    return value if isinstance(value, int) else None
+
+
+def landed(message: Message) -> bool | None:
+    """Of an EXTENDED_SYS_STATE; taking off and landing are in the air."""
+    state = integer(message, "landed_state")
+    return None if state not in (1, 2, 3, 4) else state == 1
+
+
+def battery_percent(message: Message) -> float | None:
+    """Of a SYS_STATUS or BATTERY_STATUS; -1 on the wire is not measured."""
+    percent = number(message, "battery_remaining")
+    return percent if 0.0 <= percent <= 100.0 else None
+
+
+def position_valid(kind: AutopilotKind, message: Message) -> bool:
+    """Of an ESTIMATOR_STATUS (PX4) or EKF_STATUS_REPORT (ArduPilot)."""
+    flags = integer(message, "flags")
+    if flags is None:
+        return False
+    needed = _ATTITUDE | _VELOCITY_HORIZONTAL | _VELOCITY_VERTICAL
+    forbidden = _CONSTANT_POSITION | (_ACCELEROMETER_ERROR if kind is AutopilotKind.PX4 else _UNINITIALIZED)
+    has_position = bool(flags & (_POSITION_RELATIVE | _POSITION_ABSOLUTE))
+    return flags & needed == needed and has_position and not flags & forbidden
+
+
+def version(message: Message) -> str | None:
+    """Of an AUTOPILOT_VERSION: major, minor, patch and the kind of release."""
+    packed = integer(message, "flight_sw_version")
+    if not packed:
+        return None
+    release = next(words for least, words in _VERSION_TYPES if packed & 0xFF >= least)
+    return f"{packed >> 24 & 0xFF}.{packed >> 16 & 0xFF}.{packed >> 8 & 0xFF}{release}"

@@ -1,0 +1,72 @@
+"""Why a flight ends, and which of the reasons comes first."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from companion.autopilot.vehicle_state import VehicleState
+from companion.config.mission import MissionSettings
+
+HEARTBEAT_LOST_S = 3.0
+"""Three heartbeats of the autopilot missed: it no longer hears us either, as far as we know."""
+
+
+class Ending(enum.StrEnum):
+    """Why the exploring ended."""
+
+    COMPLETE = "complete"
+    """No frontier is left that the vehicle could reach."""
+    STOPPED = "stopped"
+    """A person asked for it."""
+    PILOT = "pilot took over"
+    """The mode was changed by a person or by a failsafe of the autopilot: hands off."""
+    DISARMED = "disarmed in flight"
+    LINK = "autopilot lost"
+    BATTERY = "battery low"
+    INPUTS = "inputs lost"
+    """No fresh inputs for longer than ``mission.input_timeout_s``."""
+    TIME = "time limit"
+
+    @property
+    def as_it_should(self) -> bool:
+        """Whether the mission did what it was sent for, or what a person asked of it."""
+        return self in (Ending.COMPLETE, Ending.STOPPED)
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """What decides whether a flight goes on.
+
+    Attributes:
+        vehicle: the autopilot's last word.
+        pilot_took_over: whether the mode is no longer ours.
+        stop_asked: whether a person asked for the end.
+        complete: whether the map is.
+        flown_s: time since the take-off.
+        blind_s: time since inputs were last fresh.
+    """
+
+    vehicle: VehicleState
+    pilot_took_over: bool
+    stop_asked: bool
+    complete: bool
+    flown_s: float
+    blind_s: float
+
+
+def ending(now: Standing, settings: MissionSettings) -> Ending | None:
+    """The reason to end the exploring, the gravest first; None to go on."""
+    vehicle = now.vehicle
+    battery = vehicle.battery_percent
+    reasons = (
+        (Ending.LINK, vehicle.heartbeat_age_s > HEARTBEAT_LOST_S),
+        (Ending.DISARMED, not vehicle.armed),
+        (Ending.PILOT, now.pilot_took_over),
+        (Ending.BATTERY, battery is not None and battery < settings.battery_low_percent),
+        (Ending.INPUTS, now.blind_s > settings.input_timeout_s),
+        (Ending.STOPPED, now.stop_asked),
+        (Ending.COMPLETE, now.complete),
+        (Ending.TIME, now.flown_s > settings.time_limit_s),
+    )
+    return next((reason for reason, holds in reasons if holds), None)

@@ -1,0 +1,104 @@
+"""What is handed to the recorder, and the names under which it stands in the file."""
+
+from __future__ import annotations
+
+import enum
+import json
+import platform
+from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+
+import numpy as np
+
+from companion.config.load import dump_yaml
+from companion.config.settings import Settings
+from companion.model import Measurement, Mode, Observation, Setpoint
+
+METADATA = "mine-companion"
+"""Name of the metadata record by which a file is known to be ours; it stands before every message."""
+FORMAT = 1
+"""Goes up when older readers can no longer read what is written."""
+
+ENGAGED, ENDED = "engaged", "ended"
+"""Names of the events between which the vehicle explores by itself."""
+
+VERSIONS = ("mine-companion", "mavsdk", "numpy", "numba", "foxglove-sdk")
+
+
+class Topic(enum.StrEnum):
+    """The channels of a recording."""
+
+    TICK = "/tick"
+    OBSERVATION = "/observation"
+    POSE = "/pose"
+    TRANSFORMS = "/tf"
+    SCAN = "/scan"
+    DEPTH = "/depth"
+    CALIBRATION = "/depth/camera"
+    LOG = "/log"
+    PROCESS = "/process"
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """One sampling period. Arrays in it must not be written to any more: they are encoded later, in another thread.
+
+    Attributes:
+        observation: exactly what the extractor was given.
+        measurement: what it made of that.
+        setpoint: what the navigator wants; ``None`` when nothing is to be sent.
+        mode: the navigator's mode after the tick.
+        sent: whether the setpoint went out to the autopilot.
+        height_m: H, the height above ground that the navigator was to keep.
+        duration_s: from the start of the tick until it was done.
+        stepped: whether the navigator was asked, which changes what it remembers, even where its answer was not used.
+            ``None``: it was when there is a setpoint.
+    """
+
+    observation: Observation
+    measurement: Measurement
+    setpoint: Setpoint | None
+    mode: Mode
+    sent: bool
+    height_m: float
+    duration_s: float
+    stepped: bool | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FlightInfo:
+    """What has to be known of a flight to understand its recording, and to fly it again.
+
+    Attributes:
+        settings_yaml: every setting, as `companion.config.load.dump_yaml` writes it.
+        rng_state: state of the navigator's generator before it made the first draw, as JSON.
+        vehicle_id: number of the vehicle in its fleet, from 1.
+        versions: of the software.
+    """
+
+    settings_yaml: str
+    rng_state: str
+    vehicle_id: int = 1
+    versions: dict[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, settings: Settings, rng: np.random.Generator, vehicle_id: int = 1) -> FlightInfo:
+        """The flight that begins now; call it before the navigator is made, which draws from ``rng``.
+
+        Raises:
+            ValueError: ``rng`` is not of the kind that `numpy.random.default_rng` gives.
+        """
+        state = rng.bit_generator.state
+        if state["bit_generator"] != "PCG64":
+            raise ValueError(f"a recording keeps the state of a PCG64 generator, not of {state['bit_generator']}")
+        return cls(dump_yaml(settings), json.dumps(state), vehicle_id, _versions())
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version(), "machine": platform.machine()}
+    for name in VERSIONS:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found

@@ -1,0 +1,208 @@
+"""Reading a recording, also one that ends in the middle: what is whole is given, the rest is left."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from mcap.exceptions import McapError
+from mcap.records import Channel, Message, Metadata
+from mcap.stream_reader import StreamReader
+from numpy.typing import NDArray
+
+from companion.errors import InputError
+from companion.model import Observation
+from companion.recording import observation as observations
+from companion.recording.content import FORMAT, METADATA, FlightInfo, Topic
+from companion.recording.wire import fields
+
+LARGEST_RECORD = 1 << 28
+"""Longer records are damage, and must not take all memory."""
+
+_DAMAGE = (McapError, ValueError, KeyError, IndexError, TypeError, OverflowError, struct.error)
+"""What a file says that is cut or damaged: none of these comes from a whole one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One message of a recording.
+
+    Attributes:
+        topic: its channel.
+        t_ns: its time in the file, in ns since 1970.
+        data: its bytes.
+    """
+
+    topic: str
+    t_ns: int
+    data: bytes
+
+    def json(self) -> dict[str, Any]:
+        """The message of a JSON channel.
+
+        Raises:
+            ValueError: it is none.
+        """
+        found = json.loads(self.data)
+        if not isinstance(found, dict):
+            raise ValueError(f"{self.topic}: not a JSON object")
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class LogLine:
+    """An event of the flight."""
+
+    t_ns: int
+    name: str
+    text: str
+
+
+class Recording:
+    """A recording on the disk. Read it as often as needed; nothing of it is kept in memory.
+
+    Attributes:
+        path: the file.
+        info: what is known of the flight.
+        wall_ns, start_s: wall clock and the application's clock at the start.
+        damage: why the file could not be read to its end; ``None`` before it was, and when it ends as it should.
+    """
+
+    def __init__(self, path: Path, metadata: dict[str, str]) -> None:
+        self.path = path
+        self.info = FlightInfo(
+            settings_yaml=metadata["settings"],
+            rng_state=metadata["navigator_rng"],
+            vehicle_id=int(metadata["vehicle_id"]),
+            versions={str(name): str(text) for name, text in json.loads(metadata["versions"]).items()},
+        )
+        self.wall_ns = int(metadata["wall_ns_at_start"])
+        self.start_s = float(metadata["clock_s_at_start"])
+        self.damage: str | None = None
+
+    def entries(self) -> Iterator[Entry]:
+        """Every message in the order in which it was written, up to the end or the damage."""
+        channels: dict[int, str] = {}
+        self.damage = None
+        with self.path.open("rb") as stream:
+            records = _records(stream)
+            while True:
+                # Only the reading is guarded: what the caller does with an entry keeps its own errors.
+                try:
+                    record = next(records, None)
+                    if isinstance(record, Channel):
+                        channels[record.id] = record.topic
+                    entry = (
+                        Entry(channels[record.channel_id], record.log_time, record.data)
+                        if isinstance(record, Message)
+                        else None
+                    )
+                except _DAMAGE as error:
+                    self.damage = f"{type(error).__name__} {error}".strip()
+                    return
+                if record is None:
+                    return
+                if entry is not None:
+                    yield entry
+
+    def observations(self) -> Iterator[tuple[dict[str, Any], Observation | None]]:
+        """Each tick as recorded, with the observation that it had.
+
+        The observation is ``None`` where a depth image was seen but is not in the file.
+        """
+        depth_m: NDArray[np.float32] | None = None
+        observation: Observation | None = None
+        for entry in self.entries():
+            try:
+                if entry.topic == Topic.DEPTH:
+                    depth_m = depth_image(entry.data)
+                elif entry.topic == Topic.OBSERVATION:
+                    data = entry.json()
+                    frame = data["frame"]
+                    lost = frame is not None and not frame["recorded"]
+                    observation = None if lost else observations.decode(data, depth_m)
+                    depth_m = None
+                elif entry.topic == Topic.TICK:
+                    tick = entry.json()
+                else:
+                    continue
+            except _DAMAGE as error:
+                self.damage = f"{entry.topic}: {error}"
+                return
+            if entry.topic == Topic.TICK:
+                yield tick, observation
+
+
+def open_recording(path: Path) -> Recording:
+    """A recording of ours.
+
+    Raises:
+        InputError: the file cannot be read, is none of ours, or of a format that this version does not know.
+    """
+    metadata: dict[str, str] | None = None
+    try:
+        with path.open("rb") as stream:
+            for record in _records(stream):
+                if isinstance(record, Message):
+                    break
+                if isinstance(record, Metadata) and record.name == METADATA:
+                    metadata = record.metadata
+                    break
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; check the path") from None
+    except IsADirectoryError:
+        raise InputError(f"{path}: is a folder; give the .mcap file in it") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except _DAMAGE:
+        metadata = None
+    if metadata is None:
+        raise InputError(
+            f"{path}: is no recording of a flight, or was cut at its very beginning; give an .mcap file that "
+            "`companion run` wrote"
+        )
+    try:
+        known = int(metadata["format"]) <= FORMAT
+        recording = Recording(path, metadata)
+    except _DAMAGE:
+        raise InputError(f"{path}: its description of the flight is damaged; nothing can be made of it") from None
+    if not known:
+        raise InputError(
+            f"{path}: format {metadata['format']} of a newer version; this one reads up to {FORMAT}: update it"
+        )
+    return recording
+
+
+def depth_image(data: bytes) -> NDArray[np.float32]:
+    """The (height, width) depth in m of a recorded RawImage.
+
+    Raises:
+        ValueError, KeyError: it is none, or not of 32-bit floats.
+    """
+    image = fields(data)
+    width, height, encoding, pixels = image[2], image[3], image[4], image[6]
+    if encoding != b"32FC1" or not isinstance(pixels, bytes) or isinstance(width, bytes) or isinstance(height, bytes):
+        raise ValueError("not a depth image of 32-bit floats")
+    return np.frombuffer(pixels, np.dtype("<f4")).reshape(height, width).astype(np.float32)
+
+
+def log_line(entry: Entry) -> LogLine:
+    """An entry of the log.
+
+    Raises:
+        ValueError: it is none.
+    """
+    found = fields(entry.data)
+    text, name = found.get(3, b""), found.get(4, b"")
+    if not isinstance(text, bytes) or not isinstance(name, bytes):
+        raise ValueError("not a line of the log")
+    return LogLine(entry.t_ns, name.decode(), text.decode())
+
+
+def _records(stream: IO[bytes]) -> Iterator[Any]:
+    return iter(StreamReader(stream, validate_crcs=True, record_size_limit=LARGEST_RECORD).records)

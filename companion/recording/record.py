@@ -1,0 +1,318 @@
+"""The recorder: takes what a tick gives in microseconds, and writes it in a thread of its own.
+
+The file grows by half a second at a time, each part whole: one that ends in the middle, because the process was killed
+or the power went, is readable up to there.
+
+Nothing is compressed. The native writer holds the interpreter's lock while it compresses, 30 to 60 ms for a 640 x 480
+depth image, during which nothing flies the vehicle; without compression it is 2 ms.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import queue
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import foxglove
+from foxglove import Context
+from foxglove.mcap import MCAPWriteOptions, MCAPWriter
+
+from companion.clock import Clock
+from companion.config.record import RecordSettings
+from companion.model import Beam, Mode, Observation
+from companion.recording.channels import Channels
+from companion.recording.content import FORMAT, METADATA, FlightInfo, Tick
+from companion.recording.file import RecordingFile
+from companion.recording.process import LoadMeter
+
+FLUSH_S = 0.5
+"""So much is lost when the process is killed."""
+SYNC_S = 2.0
+"""So much is lost when the power goes."""
+SCAN_S = 0.5
+PROCESS_S = 1.0
+WAITING = 512
+"""Most ticks and events that wait for the disk: 25 s at 20 Hz."""
+FRAMES_WAITING = 8
+"""Most depth images among them: 10 MB at 640 x 480."""
+CLOSE_S = 5.0
+"""How long the end of a flight waits for a slow disk."""
+CHUNK_BYTES = 1 << 18
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class _Event:
+    """A line of the log on its way to the file."""
+
+    name: str
+    text: str
+    level: int
+    t_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Numbered:
+    """A tick on its way to the file. The numbers show a reader whether one is missing."""
+
+    tick: Tick
+    number: int
+    with_frame: bool
+
+
+class Recorder:
+    """Records one flight into an MCAP file. Never raises, never waits: a flight goes on without its recording.
+
+    Use as a context manager. What goes wrong is logged once and kept in `problem`.
+
+    Args:
+        path: the file, which must not exist yet; its folder is made.
+        settings: whether, what, and how much.
+        info: what has to be known of the flight.
+        clock: the application's clock.
+    """
+
+    def __init__(self, path: Path, settings: RecordSettings, info: FlightInfo, clock: Clock) -> None:
+        self.path = path
+        self.problem: str | None = None
+        """Why nothing is recorded any more; ``None`` while all is well, and when the settings want no recording."""
+        self.ticks_dropped = 0
+        """Ticks and events for which there was no room in the queue."""
+        self.frames_dropped = 0
+        """Depth images that were left out though the settings want them."""
+        self._settings = settings
+        self._info = info
+        self._clock = clock
+        self._queue: queue.Queue[_Numbered | _Event] = queue.Queue(WAITING)
+        self._ticks = 0
+        self._frames_waiting = 0
+        self._lock = threading.Lock()
+        self._closing = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def recording(self) -> bool:
+        """Whether what is handed over gets into the file."""
+        return self._thread is not None and self.problem is None
+
+    @property
+    def waiting(self) -> int:
+        """Ticks and events that are not in the file yet. Whoever flies faster than real time waits for them."""
+        return self._queue.qsize()
+
+    def __enter__(self) -> Self:
+        if self._settings.enabled:
+            try:
+                file = RecordingFile(self.path, self._settings.largest_mb * 1e6)
+            except OSError as error:
+                self._stop(error.strerror or str(error))
+                return self
+            self._thread = threading.Thread(target=self._run, args=(file,), name="recorder", daemon=True)
+            self._thread.start()
+        return self
+
+    def __exit__(
+        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        """Write what waits and end the file; gives a disk that hangs up after `CLOSE_S`."""
+        if self._thread is not None:
+            self._closing.set()
+            self._thread.join(CLOSE_S)
+            if self._thread.is_alive():
+                self._stop(f"the disk took longer than {CLOSE_S:g} s at the end")
+            self._thread = None
+
+    def tick(self, tick: Tick) -> None:
+        """Record a sampling period."""
+        if not self.recording:
+            return
+        with_frame = False
+        if tick.observation.frame is not None and self._settings.depth:
+            with self._lock:
+                with_frame = self._frames_waiting < FRAMES_WAITING
+                self._frames_waiting += with_frame
+                self.frames_dropped += not with_frame
+        self._put(_Numbered(tick, self._ticks, with_frame))
+        self._ticks += 1
+
+    def event(self, name: str, text: str, level: int = logging.INFO, t_s: float | None = None) -> None:
+        """Record something that happened.
+
+        Args:
+            name: what kind, such as `companion.recording.content.ENGAGED`, "statustext", "check".
+            text: for people.
+            level: as in `logging`.
+            t_s: when; by default now.
+        """
+        if self.recording:
+            self._put(_Event(name, text, level, self._clock.now_s() if t_s is None else t_s))
+
+    def _put(self, item: _Numbered | _Event) -> None:
+        try:
+            self._queue.put_nowait(item)
+        except queue.Full:
+            self.ticks_dropped += 1
+            self._frame_left(item)
+
+    def _frame_left(self, item: _Numbered | _Event) -> None:
+        if isinstance(item, _Numbered) and item.with_frame:
+            with self._lock:
+                self._frames_waiting -= 1
+
+    def _stop(self, problem: str) -> None:
+        if self.problem is None:
+            self.problem = f"{self.path}: not recorded any further: {problem}; the flight goes on without"
+            _log.warning(self.problem)
+
+    # What follows runs in the recorder's own thread.
+
+    def _run(self, file: RecordingFile) -> None:
+        try:
+            writing = _Writing(file, self._info, self._clock)
+            try:
+                while self._step(writing, file):
+                    pass
+            finally:
+                writing.close()
+        except Exception as error:  # noqa: BLE001 - whatever it is, it must not end the flight, nor pass unseen
+            self._stop(f"{type(error).__name__}: {error}")
+        finally:
+            file.close()
+        if file.problem is not None:
+            self._stop(file.problem)
+
+    def _step(self, writing: _Writing, file: RecordingFile) -> bool:
+        """One item of the queue; False when there is nothing more to record."""
+        try:
+            item = self._queue.get(timeout=0.1)
+        except queue.Empty:
+            item = None
+            if self._closing.is_set():
+                return False
+        if isinstance(item, _Event):
+            writing.channels.event(item.name, item.text, item.level, item.t_s)
+        elif item is not None:
+            self._frame_left(item)
+            with_frame = item.with_frame
+            if with_frame and not file.room_for_frames:
+                with_frame = False
+                self._frame_left_out(writing, file)
+            writing.tick(item.tick, item.number, with_frame)
+        writing.now_and_then(self.ticks_dropped, self.frames_dropped)
+        if file.problem is not None:
+            return False
+        if file.full:
+            reason = f"it has grown to its limit of {file.limit / 1e6:.0f} MB (record.largest_mb, or the disk)"
+            writing.event("recording", f"stopped: {reason}", logging.WARNING)
+            self._stop(reason)
+            return False
+        return True
+
+    def _frame_left_out(self, writing: _Writing, file: RecordingFile) -> None:
+        with self._lock:
+            self.frames_dropped += 1
+        if not writing.told_of_frames:
+            writing.told_of_frames = True
+            text = f"no depth images from here on: {file.size / 1e6:.0f} of {file.limit / 1e6:.0f} MB are used"
+            writing.event("recording", text, logging.WARNING)
+            _log.warning("%s: %s", self.path, text)
+
+
+class _Writing:
+    """The open file, what has to be done to it regularly, and what is known of the inputs so far."""
+
+    def __init__(self, file: RecordingFile, info: FlightInfo, clock: Clock) -> None:
+        self._file = file
+        self._clock = clock
+        self._wall_ns, self._start_s = time.time_ns(), clock.now_s()
+        self._context = context = Context()  # kept: its channels close when it goes
+        options = MCAPWriteOptions(
+            compression=None, chunk_size=CHUNK_BYTES, disable_seeking=True, calculate_data_section_crc=False
+        )
+        self._mcap: MCAPWriter = foxglove.open_mcap(file, context=context, writer_options=options)
+        self._mcap.write_metadata(METADATA, _metadata(info, self._wall_ns, self._start_s))
+        self.channels = Channels(context, self._wall_ns, self._start_s)
+        self.told_of_frames = False
+        self._mode: Mode | None = None
+        self._ground_read_s = -math.inf
+        self._meter = LoadMeter()
+        self._next_scan_s = -math.inf
+        self._next_process_s = self._next_flush_s = self._next_sync_s = -math.inf
+
+    def tick(self, tick: Tick, number: int, with_frame: bool) -> None:
+        observation = tick.observation
+        if tick.mode != self._mode:
+            before = "the start" if self._mode is None else self._mode.value
+            self.channels.event("mode", f"{before} -> {tick.mode.value}", logging.INFO, observation.t_s)
+            self._mode = tick.mode
+        self.channels.tick(tick, number, self._ages_s(tick), with_frame)
+        if tick.measurement.scan is not None and observation.t_s >= self._next_scan_s:
+            self._next_scan_s = observation.t_s + SCAN_S
+            self.channels.scan(tick.measurement.scan, observation.t_s)
+
+    def event(self, name: str, text: str, level: int) -> None:
+        self.channels.event(name, text, level, self._clock.now_s())
+
+    def now_and_then(self, ticks_dropped: int, frames_dropped: int) -> None:
+        # By the machine's time, not the flight's: a simulated clock may stand or race.
+        now_s = time.monotonic()
+        if now_s >= self._next_process_s:
+            self._next_process_s = now_s + PROCESS_S
+            t_s = self._clock.now_s()
+            counts = {
+                "wall_clock_steps_s": (time.time_ns() - self._wall_ns) / 1e9 - (t_s - self._start_s),
+                "ticks_dropped": ticks_dropped,
+                "frames_dropped": frames_dropped,
+                "file_bytes": self._file.size,
+            }
+            self.channels.process(self._meter.sample(now_s), counts, t_s)
+        if now_s >= self._next_flush_s:
+            self._next_flush_s = now_s + FLUSH_S
+            self._mcap.flush()
+        if now_s >= self._next_sync_s:
+            self._next_sync_s = now_s + SYNC_S
+            self._file.sync()
+
+    def close(self) -> None:
+        self.channels.close()
+        self._mcap.close()
+        self._file.sync()
+
+    def _ages_s(self, tick: Tick) -> dict[str, float]:
+        """How old the inputs were when the tick was done, which is when its setpoint went out."""
+        observation = tick.observation
+        self._ground_read_s = max(self._ground_read_s, _ground_read_s(observation))
+        done_s = observation.t_s + tick.duration_s
+        return {
+            "depth_age_s": tick.measurement.scan_age_s + tick.duration_s,
+            "ranges_age_s": done_s - self._ground_read_s,
+            "pose_age_s": done_s - observation.pose.t_s,
+        }
+
+
+def _ground_read_s(observation: Observation) -> float:
+    """When the beam downward, on which the height rests, measured last."""
+    return max(
+        (reading.t_s for reading in observation.ranges if reading.beam is Beam.DOWN and reading.range_m is not None),
+        default=-math.inf,
+    )
+
+
+def _metadata(info: FlightInfo, wall_ns: int, start_s: float) -> dict[str, str]:
+    return {
+        "format": str(FORMAT),
+        "settings": info.settings_yaml,
+        "navigator_rng": info.rng_state,
+        "vehicle_id": str(info.vehicle_id),
+        "versions": json.dumps(info.versions),
+        "wall_ns_at_start": str(wall_ns),
+        "clock_s_at_start": repr(start_s),
+    }

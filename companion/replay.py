@@ -1,0 +1,128 @@
+"""Flies a recording again: the same observations through the same extractor and navigator, and compares setpoints.
+
+The same code on the same kind of machine gives the same setpoints to the last bit. A difference shows what a change of
+the code, of the settings or of a library would have done in that flight, up to the first moment at which it matters:
+from there on the real vehicle would have been elsewhere.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from companion.config.load import load_settings
+from companion.config.settings import Settings
+from companion.errors import InputError
+from companion.explorer import Explorer
+from companion.recording import Recording, open_recording
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """What came of flying a recording again.
+
+    Attributes:
+        ticks: sampling periods that were flown again.
+        compared: those in which the navigator was asked and its setpoint was used.
+        differing: those of them whose setpoint or mode is not exactly the recorded one.
+        first_difference_s: time of the first of these, on the clock of the flight.
+        largest_difference: of speed and climb in m/s and yaw rate in rad/s, the largest.
+        stopped: why it ended before the recording did; ``None`` when it did not.
+    """
+
+    ticks: int
+    compared: int
+    differing: int
+    first_difference_s: float | None
+    largest_difference: float
+    stopped: str | None
+
+
+def replay(path: Path, settings: Settings | None = None) -> Replay:
+    """Fly a recording again and compare.
+
+    Args:
+        path: the recording, which may be cut.
+        settings: others than it was flown with, to see what they would change.
+
+    Raises:
+        InputError: the file is no recording, or was flown with settings that this version refuses.
+    """
+    recording = open_recording(path)
+    explorer = Explorer(settings or _settings(recording), _generator(recording))
+    ticks = compared = differing = 0
+    first_s: float | None = None
+    largest = 0.0
+    stopped: str | None = None
+    for tick, observation in recording.observations():
+        if observation is None:
+            stopped = f"the depth image of t = {tick['t_s']} s is not in the recording"
+            break
+        try:
+            if tick["number"] != ticks:
+                stopped = f"the ticks before t = {tick['t_s']} s are not all in the recording"
+                break
+            then = _then(tick)
+        except (KeyError, TypeError, ValueError) as error:
+            stopped = f"a tick is damaged: {error}"
+            break
+        ticks += 1
+        if then is None:
+            explorer.look(observation)
+            continue
+        explorer.navigator.height_m = then.height_m
+        now = explorer.step(observation).setpoint
+        if then.setpoint is None:
+            continue
+        off = np.abs(np.subtract((now.speed_mps, now.climb_mps, now.yaw_rate_radps), then.setpoint))
+        compared += 1
+        if np.any(off != 0.0) or explorer.navigator.status.mode != then.mode:
+            differing += 1
+            first_s = observation.t_s if first_s is None else first_s
+            largest = max(largest, float(np.max(off)))
+    return Replay(ticks, compared, differing, first_s, largest, stopped or recording.damage)
+
+
+@dataclass(frozen=True, slots=True)
+class _Then:
+    """What the navigator said then."""
+
+    setpoint: tuple[float, float, float] | None
+    mode: str
+    height_m: float
+
+
+def _then(tick: dict[str, Any]) -> _Then | None:
+    """The recorded decision; ``None`` when the navigator was not asked."""
+    if not tick["stepped"]:
+        return None
+    wanted = tuple(tick[name] for name in ("speed_mps", "climb_mps", "yaw_rate_radps"))
+    setpoint = None if wanted[0] is None else (float(wanted[0]), float(wanted[1]), float(wanted[2]))
+    return _Then(setpoint, str(tick["mode"]), float(tick["wanted_height_m"]))
+
+
+def _settings(recording: Recording) -> Settings:
+    """The settings of the flight, through the same loader as any other file."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "settings.yaml"
+        file.write_text(recording.info.settings_yaml, encoding="utf-8")
+        try:
+            return load_settings(file)
+        except InputError as error:
+            reasons = str(error).replace(str(file), "its settings")
+            raise InputError(f"{recording.path}: flown with settings that this version refuses:\n{reasons}") from None
+
+
+def _generator(recording: Recording) -> np.random.Generator:
+    """The navigator's generator as it was before the first draw."""
+    bits = np.random.PCG64()
+    try:
+        bits.state = json.loads(recording.info.rng_state)
+    except (ValueError, TypeError, KeyError):
+        raise InputError(f"{recording.path}: the state of its random generator is damaged; no replay") from None
+    return np.random.Generator(bits)

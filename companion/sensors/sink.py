@@ -1,0 +1,282 @@
+"""Where drivers put what they measured: the newest of each stream and nothing older, from any thread."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import Counter, deque
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.clock import Clock
+from companion.model import Beam, Camera, FloatArray, RangeReading
+
+DEPTH, PLANAR = "depth", "planar"
+STREAMS = (DEPTH, *(beam.value for beam in Beam), PLANAR)
+"""Names of the streams in `SensorSink.statistics`: each beam is a stream of its own."""
+
+FUTURE_S = 0.1
+"""A stamp further ahead of our clock than this is wrong: clocks that are aligned disagree by less."""
+
+RATE_WINDOW_S = 2.0
+"""Rates are counted over this time."""
+
+MOST_RAYS = 65536
+"""No planar scanner has more rays a turn."""
+
+FROM_THE_FUTURE = "stamp from the future"
+NOT_NEWER = "stamp not newer than the last"
+NOT_A_TIME = "stamp is no finite number"
+WRONG_SHAPE = "wrong shape"
+WRONG_TYPE = "wrong type of number"
+WRONG_CAMERA = "camera impossible"
+WRONG_LIMIT = "range limit not positive"
+WRONG_BEARINGS = "bearings not ascending in [-π, π)"
+NOT_POSITIVE = "range or depth below zero, or depth of zero: missing is NaN or None"
+OTHER = "other"
+
+_MOST_REASONS = 16
+_MOST_ARRIVALS = 512
+
+
+@dataclass(frozen=True, slots=True)
+class RawDepth:
+    """A depth image before it has a pose; the fields mean what they mean in `companion.model.DepthFrame`."""
+
+    t_s: float
+    depth_m: NDArray[np.float32]
+    camera: Camera
+
+
+@dataclass(frozen=True, slots=True)
+class RawPlanar:
+    """A planar scan before it has a pose; the fields mean what they mean in `companion.model.PlanarScan`."""
+
+    t_s: float
+    bearings_rad: FloatArray
+    ranges_m: FloatArray
+    max_range_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """What came since the sink was last emptied: the newest of each stream."""
+
+    depth: RawDepth | None
+    ranges: tuple[RangeReading, ...]
+    planar: RawPlanar | None
+
+
+@dataclass(frozen=True, slots=True)
+class StreamStatistics:
+    """How one stream does.
+
+    Attributes:
+        rate_hz: accepted readings a second, over the last 2 s; up to 256.
+        age_s: time since the newest accepted reading was measured; infinite when there never was one.
+        count: readings accepted since the start.
+        dropped: readings refused since the start.
+        reasons: how many were refused why; they add up to ``dropped``.
+    """
+
+    rate_hz: float
+    age_s: float
+    count: int
+    dropped: int
+    reasons: Mapping[str, int]
+
+
+class _Stream:
+    """What is known of one stream; the sink's lock guards it."""
+
+    def __init__(self) -> None:
+        self.newest_s = -math.inf
+        self.count = 0
+        self.reasons: Counter[str] = Counter()
+        self._first_s = math.inf
+        self._arrivals_s: deque[float] = deque(maxlen=_MOST_ARRIVALS)
+
+    def accept(self, t_s: float, now_s: float) -> None:
+        self.newest_s = t_s
+        self.count += 1
+        self._first_s = min(self._first_s, now_s)
+        self._arrivals_s.append(now_s)
+
+    def refuse(self, reason: str) -> None:
+        known = reason in self.reasons or len(self.reasons) < _MOST_REASONS
+        self.reasons[reason if known else OTHER] += 1
+
+    def statistics(self, now_s: float) -> StreamStatistics:
+        begin_s = max(self._first_s, now_s - RATE_WINDOW_S)
+        # Strictly later than the beginning: n + 1 arrivals from the first on are n periods.
+        arrived = sum(begin_s < arrival_s <= now_s for arrival_s in self._arrivals_s)
+        return StreamStatistics(
+            rate_hz=arrived / (now_s - begin_s) if arrived else 0.0,
+            age_s=now_s - self.newest_s,
+            count=self.count,
+            dropped=self.reasons.total(),
+            reasons=dict(self.reasons),
+        )
+
+
+class SensorSink:
+    """Newest-only store between the drivers and the tick.
+
+    Nothing here raises for what a sensor said: a reading that cannot be right is refused and counted with its reason.
+    Stamps are in seconds of ``clock``; each stream's stamps must rise. Arrays are handed over, not copied: a driver
+    must not write to one that it has given away.
+
+    Args:
+        clock: the application's clock.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._streams = {name: _Stream() for name in STREAMS}
+        self._depth: RawDepth | None = None
+        self._ranges: dict[Beam, RangeReading] = {}
+        self._planar: RawPlanar | None = None
+
+    def depth(self, frame: RawDepth) -> None:
+        """Offer a depth image: (height, width) of its camera, float32, all positive; NaN is missing, infinity free."""
+        reason = _depth_problem(frame)
+        with self._lock:
+            if self._accepts(DEPTH, frame.t_s, reason):
+                self._depth = frame
+
+    def ranges(self, readings: Sequence[RangeReading]) -> None:
+        """Offer readings of single beams. NaN counts as missing, infinity as free out to the range limit."""
+        for reading in readings:
+            reason = _range_problem(reading)
+            with self._lock:
+                if self._accepts(reading.beam.value, reading.t_s, reason):
+                    self._ranges[reading.beam] = _tidy(reading)
+
+    def planar(self, scan: RawPlanar) -> None:
+        """Offer one turn of a planar scanner: bearings ascending in [-π, π); NaN is missing, infinity free."""
+        reason = _planar_problem(scan)
+        with self._lock:
+            if self._accepts(PLANAR, scan.t_s, reason):
+                bearings_rad = np.asarray(scan.bearings_rad, np.float64)
+                ranges_m = np.minimum(scan.ranges_m, scan.max_range_m, dtype=np.float64)
+                self._planar = replace(scan, bearings_rad=bearings_rad, ranges_m=ranges_m)
+
+    def drop(self, stream: str, reason: str) -> None:
+        """Count a reading which the driver itself had to refuse.
+
+        Args:
+            stream: one of `STREAMS`.
+            reason: why, in a few fixed words: only the first 16 different ones of a stream are told apart.
+        """
+        with self._lock:
+            self._streams[stream].refuse(reason)
+
+    def take(self) -> Taken:
+        """The newest of each stream since the last call, each handed out once."""
+        with self._lock:
+            taken = Taken(self._depth, tuple(self._ranges.values()), self._planar)
+            self._depth, self._ranges, self._planar = None, {}, None
+        return taken
+
+    def statistics(self, now_s: float) -> dict[str, StreamStatistics]:
+        """How each of `STREAMS` does at ``now_s``."""
+        with self._lock:
+            return {name: stream.statistics(now_s) for name, stream in self._streams.items()}
+
+    def _accepts(self, name: str, t_s: float, reason: str | None) -> bool:
+        """Whether to keep it, and the count of it either way; called under the lock."""
+        stream, now_s = self._streams[name], self._clock.now_s()
+        if reason is None and t_s > now_s + FUTURE_S:
+            reason = FROM_THE_FUTURE
+        if reason is None and t_s <= stream.newest_s:
+            reason = NOT_NEWER
+        if reason is not None:
+            stream.refuse(reason)
+            return False
+        stream.accept(t_s, now_s)
+        return True
+
+
+def _is_number(value: object) -> bool:
+    # A float of 32 bits is none: as a stamp it would be off by milliseconds after some hours.
+    return isinstance(value, float | int) and not isinstance(value, bool)
+
+
+def _is_finite(value: object) -> bool:
+    return isinstance(value, float | int) and _is_number(value) and math.isfinite(value)
+
+
+def _is_limit(value: object) -> bool:
+    return isinstance(value, float | int) and _is_finite(value) and value > 0.0
+
+
+def _is_image(value: object, shape: tuple[int, int]) -> bool:
+    return isinstance(value, np.ndarray) and value.shape == shape
+
+
+def _is_line(value: object) -> bool:
+    return isinstance(value, np.ndarray) and value.ndim == 1 and 0 < value.size <= MOST_RAYS
+
+
+def _depth_problem(frame: RawDepth) -> str | None:
+    depth, camera = frame.depth_m, frame.camera
+    if not _is_finite(frame.t_s):
+        return NOT_A_TIME
+    if not _is_possible(camera):
+        return WRONG_CAMERA
+    if not _is_image(depth, (camera.height_px, camera.width_px)):
+        return WRONG_SHAPE
+    if depth.dtype != np.float32:
+        return WRONG_TYPE
+    # fmin passes NaN over: an image without a single measurement has a NaN for its least, which compares false.
+    return NOT_POSITIVE if np.fmin.reduce(depth, axis=None) <= 0.0 else None
+
+
+def _is_possible(camera: Camera) -> bool:
+    return (
+        all(_is_finite(value) for value in astuple(camera))
+        and camera.width_px > 0
+        and camera.height_px > 0
+        and camera.fx_px > 0.0
+        and camera.fy_px > 0.0
+        and 0.0 <= camera.min_range_m < camera.max_range_m
+    )
+
+
+def _range_problem(reading: RangeReading) -> str | None:
+    range_m = reading.range_m
+    if not _is_finite(reading.t_s):
+        return NOT_A_TIME
+    if not _is_limit(reading.max_range_m):
+        return WRONG_LIMIT
+    if range_m is None:
+        return None
+    if not _is_number(range_m):
+        return WRONG_TYPE
+    return NOT_POSITIVE if range_m < 0.0 else None
+
+
+def _tidy(reading: RangeReading) -> RangeReading:
+    if reading.range_m is None or math.isfinite(reading.range_m):
+        return reading
+    return replace(reading, range_m=None if math.isnan(reading.range_m) else reading.max_range_m)
+
+
+def _planar_problem(scan: RawPlanar) -> str | None:
+    bearings, ranges = scan.bearings_rad, scan.ranges_m
+    if not _is_finite(scan.t_s):
+        return NOT_A_TIME
+    if not _is_limit(scan.max_range_m):
+        return WRONG_LIMIT
+    if not _is_line(bearings) or not _is_line(ranges) or bearings.size != ranges.size:
+        return WRONG_SHAPE
+    if bearings.dtype.kind != "f" or ranges.dtype.kind != "f":
+        return WRONG_TYPE
+    # Written so that a NaN among the bearings fails.
+    if not (bearings[0] >= -math.pi and bearings[-1] < math.pi and bool(np.all(np.diff(bearings) > 0.0))):
+        return WRONG_BEARINGS
+    return NOT_POSITIVE if np.fmin.reduce(ranges) < 0.0 else None

@@ -1,0 +1,147 @@
+"""COMMAND_LONG and COMMAND_INT: what each does, and what it is answered with."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from sitl.autopilot.mavlink import MESSAGE_NAMES, Message
+from sitl.autopilot.mavlink import dialect as m
+from sitl.autopilot.personality import Personality
+from sitl.autopilot.state import Severity, State
+from sitl.autopilot.streams import Streams
+from sitl.autopilot.telemetry import Telemetry
+
+_FORCE = 21196.0
+"""Parameter 2 of an arming command that skips the checks."""
+_DONE = m.MAV_RESULT_ACCEPTED
+
+
+@dataclass(slots=True)
+class Answer:
+    """The result, and messages that were asked for."""
+
+    result: int
+    messages: list[Message]
+    reboot: bool = False
+
+
+class Commands:
+    """Carries out commands.
+
+    Args:
+        personality: which autopilot answers.
+        state: what it changes.
+        streams: for message intervals.
+        telemetry: for messages asked for once.
+    """
+
+    def __init__(self, personality: Personality, state: State, streams: Streams, telemetry: Telemetry) -> None:
+        self._personality = personality
+        self._state = state
+        self._streams = streams
+        self._telemetry = telemetry
+
+    def do(self, command: int, parameters: list[float]) -> Answer:
+        """Carries out one command, with its parameters 1 to 7 (NaN where not given)."""
+        if command == m.MAV_CMD_SET_MESSAGE_INTERVAL:
+            return Answer(self._set_interval(parameters), [])
+        if command == m.MAV_CMD_GET_MESSAGE_INTERVAL:
+            return self._get_interval(parameters[0])
+        if command == m.MAV_CMD_REQUEST_MESSAGE:
+            return self._request(_name(parameters[0]))
+        if command == m.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
+            return self._request("AUTOPILOT_VERSION")
+        if command == m.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN:
+            if self._state.armed:
+                return Answer(self._personality.refuses_reboot, [])
+            return Answer(_DONE, [], reboot=parameters[0] == 1.0)
+        return Answer(self._fly(command, parameters), [])
+
+    def set_mode(self, custom_mode: int | None) -> int:
+        """Changes the mode; the MAV_RESULT."""
+        mode = None if custom_mode is None else self._personality.mode(custom_mode)
+        if mode is None:
+            return int(m.MAV_RESULT_DENIED)
+        if mode is self._state.mode and self._state.failsafe is None:
+            return int(_DONE)
+        refusal = self._personality.mode_refusal(self._state, mode)
+        if refusal is not None:
+            self._state.say(Severity.CRITICAL, refusal)
+            return self._personality.refused
+        self._state.enter(mode)
+        return int(_DONE)
+
+    def _fly(self, command: int, parameters: list[float]) -> int:
+        modes, personality = self._personality.modes, self._personality
+        if command == m.MAV_CMD_COMPONENT_ARM_DISARM:
+            return self._arm(parameters[0], forced=parameters[1] == _FORCE)
+        if command == m.MAV_CMD_NAV_TAKEOFF:
+            refusal = personality.take_off(self._state, parameters[6])
+            if refusal is None:
+                return int(_DONE)
+            self._state.say(Severity.CRITICAL, refusal)
+            return personality.refused
+        if command == m.MAV_CMD_NAV_LAND:
+            return self.set_mode(modes[personality.land_mode].custom_mode)
+        if command == m.MAV_CMD_NAV_RETURN_TO_LAUNCH:
+            name = "AUTO.RTL" if "AUTO.RTL" in modes else "RTL"
+            return self.set_mode(modes[name].custom_mode)
+        if command == m.MAV_CMD_DO_SET_MODE:
+            if not math.isfinite(parameters[0]) or not int(parameters[0]) & m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+                return int(m.MAV_RESULT_DENIED)
+            return self.set_mode(personality.custom_mode(parameters[1], _or_zero(parameters[2])))
+        return int(m.MAV_RESULT_UNSUPPORTED)
+
+    def _arm(self, wanted: float, forced: bool) -> int:
+        state = self._state
+        if wanted == 0.0:
+            if state.flying and not forced:
+                state.say(Severity.CRITICAL, "Disarming denied: not landed")
+                return self._personality.refused
+            if state.armed:
+                state.disarm("Disarmed by external command")
+            return int(_DONE)
+        if wanted != 1.0:
+            return int(m.MAV_RESULT_UNSUPPORTED)
+        if state.armed:
+            return int(_DONE)
+        refusal = "Arming denied: crashed" if state.airframe.crashed else self._personality.arming_refusal(state)
+        if refusal is not None and (not forced or state.airframe.crashed):
+            state.say(Severity.CRITICAL, refusal)
+            return self._personality.refused
+        state.armed, state.armed_s, state.flown, state.on_ground_s = True, state.t_s, False, 0.0
+        state.hold_m, state.takeoff_s, state.takeoff_suppressed = None, None, False
+        state.say(Severity.INFO, "Armed by external command")
+        return int(_DONE)
+
+    def _set_interval(self, parameters: list[float]) -> int:
+        name = _name(parameters[0])
+        if name is None or not self._has(name) or not math.isfinite(parameters[1]):
+            return self._personality.refuses_interval
+        self._streams.set_interval_us(name, parameters[1], self._state.t_s)
+        return int(_DONE)
+
+    def _get_interval(self, number: float) -> Answer:
+        name = _name(number)
+        if name is None:
+            return Answer(int(m.MAV_RESULT_UNSUPPORTED), [])
+        interval_us = self._streams.interval_us(name) if self._has(name) else 0
+        return Answer(int(_DONE), [m.MAVLink_message_interval_message(int(number), interval_us)])
+
+    def _request(self, name: str | None) -> Answer:
+        message = self._telemetry.build(name) if name is not None and self._has(name) else None
+        if message is None:
+            return Answer(int(m.MAV_RESULT_DENIED), [])
+        return Answer(int(_DONE), [message])
+
+    def _has(self, name: str) -> bool:
+        return name in self._personality.rates_hz or name in self._personality.on_request
+
+
+def _name(number: float) -> str | None:
+    return MESSAGE_NAMES.get(int(number)) if math.isfinite(number) else None
+
+
+def _or_zero(value: float) -> float:
+    return value if math.isfinite(value) else 0.0

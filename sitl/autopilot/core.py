@@ -1,0 +1,205 @@
+"""The autopilot as a pure state machine: messages and the time go in, messages come out."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from companion.model import Pose
+from sitl.autopilot.airframe import Airframe
+from sitl.autopilot.battery import Battery
+from sitl.autopilot.commands import Commands
+from sitl.autopilot.estimator import Estimator
+from sitl.autopilot.guidance import motion
+from sitl.autopilot.inbox import Inbox
+from sitl.autopilot.mavlink import Message
+from sitl.autopilot.mavlink import dialect as m
+from sitl.autopilot.origin import to_global
+from sitl.autopilot.parameters import Parameters
+from sitl.autopilot.personality import Personality
+from sitl.autopilot.state import Mode, Severity, State
+from sitl.autopilot.streams import Streams
+from sitl.autopilot.surroundings import Surroundings, flat
+from sitl.autopilot.telemetry import Telemetry
+
+STEP_S = 0.01
+"""The vehicle's own step."""
+_CATCH_UP_S = 0.5
+"""After a pause longer than this, time jumps: the vehicle does not fly what it missed."""
+_PARAMETERS_PER_STEP = 4
+_EMPTY_PERCENT = 0.5
+_TEXT_BYTES = 50
+
+
+class Autopilot:
+    """One vehicle with its autopilot. Knows no socket and no clock.
+
+    Args:
+        personality: `PX4` or `ARDUPILOT`.
+        start: true pose at boot, in the world's east-north-up frame; its height becomes that of the ground there.
+        t_s: the time of booting.
+        system_id: the vehicle's MAVLink number.
+        surroundings: ground and walls; level ground at the start's height by default.
+        gps: whether there is a GPS receiver. Without, the parameters are those of a vehicle set up for it.
+        parameters: values besides the defaults.
+        boot_s: time until it arms with GPS instead of the measured one; other waits after boot shrink alike.
+        battery_percent: charge at boot.
+        battery_minutes: of flight from full to empty.
+        seed: draws noise and disturbance.
+
+    Raises:
+        InputError: a parameter that the autopilot does not have, or a value that does not fit.
+    """
+
+    def __init__(
+        self,
+        personality: Personality,
+        start: Pose,
+        t_s: float = 0.0,
+        *,
+        system_id: int = 1,
+        surroundings: Surroundings | None = None,
+        gps: bool = True,
+        parameters: Mapping[str, float] | None = None,
+        boot_s: float | None = None,
+        battery_percent: float = 100.0,
+        battery_minutes: float = 15.0,
+        seed: int = 1,
+    ) -> None:
+        self.personality = personality
+        self.system_id = system_id
+        self._surroundings = flat(start.z_m) if surroundings is None else surroundings
+        self._gps = gps
+        self._hurry = 1.0 if boot_s is None else boot_s / personality.ready_s
+        self._rng = np.random.default_rng(seed)
+        battery = Battery(battery_percent, battery_minutes)
+        own = Parameters(personality.parameters, personality.encoding, personality.integer)
+        for name, value in ({} if gps else personality.no_gps_parameters).items():
+            own.set(name, value)
+        for name, value in (parameters or {}).items():
+            own.set(name, value)
+        self._boot(start, t_s, own, battery, Counter())
+
+    def _boot(self, start: Pose, t_s: float, own: Parameters, battery: Battery, counts: Counter[str]) -> None:
+        personality, numbers = self.personality, self.personality.numbers
+        airframe = Airframe(
+            replace(start, t_s=t_s),
+            self._surroundings,
+            numbers.natural_radps,
+            numbers.damping,
+            numbers.drift_mps,
+            self._rng,
+        )
+        estimator = Estimator(airframe.pose, numbers.blind_drift_mps2, self._rng)
+        mode = personality.modes[personality.boot_mode]
+        self.state = State(t_s, t_s, own, airframe, estimator, battery, mode, self._gps, self._hurry, counts=counts)
+        telemetry = Telemetry(personality, self.state, self.system_id)
+        streams = Streams(personality.rates_hz, t_s)
+        self._telemetry, self._streams = telemetry, streams
+        self._inbox = Inbox(
+            personality, self.state, Commands(personality, self.state, streams, telemetry), self.system_id
+        )
+        self._sync_next_s = t_s
+        self._texts_in_pieces = 0
+
+    @property
+    def pose(self) -> Pose:
+        """The true pose in the world."""
+        return self.state.airframe.pose
+
+    @property
+    def mode(self) -> Mode:
+        """The mode that the heartbeat shows."""
+        return self.state.shown
+
+    def receive(self, message: Message, t_s: float) -> list[Message]:
+        """Takes one message that arrived at ``t_s``; what is wrong with it is counted in ``state.counts``."""
+        self.state.t_s = max(self.state.t_s, t_s)
+        answers = self._inbox.take(message)
+        if self._inbox.reboot:
+            state = self.state
+            self._boot(self.pose, state.t_s, state.parameters, state.battery, state.counts)
+        return answers
+
+    def step(self, t_s: float) -> list[Message]:
+        """Flies on until ``t_s`` and returns the telemetry that fell due."""
+        sent: list[Message] = []
+        if t_s - self.pose.t_s > _CATCH_UP_S:
+            self._jump(t_s - _CATCH_UP_S)
+        while self.pose.t_s + STEP_S <= t_s + 5e-7:
+            self._advance(self.pose.t_s + STEP_S)
+            sent += self._say()
+        return sent
+
+    def pilot_takes_over(self) -> None:
+        """A pilot's switch: the transmitter is there, and its mode is taken whatever was flown before."""
+        self.state.transmitter = True
+        self.state.enter(self.personality.modes[self.personality.pilot_mode])
+
+    def set_gps(self, present: bool) -> None:
+        """Covers or uncovers the GPS antenna."""
+        self._gps = self.state.gps_present = present
+
+    def _advance(self, t_s: float) -> None:
+        state = self.state
+        state.t_s = t_s
+        if state.origin is None and self.personality.gps_used(state) and self.personality.position_valid(state):
+            booted = state.estimator.origin
+            state.origin, state.origin_s = to_global(booted.x_m, booted.y_m, booted.z_m), t_s
+        was_crashed = state.airframe.crashed
+        self.personality.supervise(state)
+        state.motion = motion(self.personality, state)
+        state.airframe.step(STEP_S, state.motion)
+        state.estimator.step(state.airframe.pose, STEP_S, self.personality.gps_used(state))
+        state.flown = state.flown or state.flying
+        state.on_ground_s = state.on_ground_s + STEP_S if state.armed and state.airframe.on_ground else 0.0
+        if state.airframe.crashed and not was_crashed:
+            state.say(Severity.CRITICAL, "Crash: Disarming")
+            state.disarm("Disarmed by crash")
+        self._drain()
+
+    def _drain(self) -> None:
+        state = self.state
+        state.battery.step(STEP_S, state.flying)
+        if state.battery.percent < 15.0 and not state.low_battery_told:
+            state.low_battery_told = True
+            state.say(Severity.WARNING, "Low battery")
+        landing = self.personality.modes[self.personality.land_mode]
+        if state.battery.percent < _EMPTY_PERCENT and state.flying and state.mode is not landing:
+            state.say(Severity.CRITICAL, "Battery empty, landing")
+            state.enter(landing)
+
+    def _say(self) -> list[Message]:
+        state = self.state
+        sent = [
+            message for name in self._streams.due(state.t_s) if (message := self._telemetry.build(name)) is not None
+        ]
+        while state.texts:
+            severity, text = state.texts.popleft()
+            sent += self._text(severity, text.encode())
+        sent += self._inbox.listed(_PARAMETERS_PER_STEP)
+        if state.t_s >= self._sync_next_s - 5e-7:
+            self._sync_next_s = max(self._sync_next_s, state.t_s - 1.0) + self.personality.sync_period_s
+            sent.append(m.MAVLink_timesync_message(0, math.floor(state.since_boot_s * 1e9)))
+        return sent
+
+    def _text(self, severity: Severity, text: bytes) -> list[Message]:
+        """A STATUSTEXT, in pieces when it is longer than one holds."""
+        if len(text) <= _TEXT_BYTES:
+            return [m.MAVLink_statustext_message(int(severity), text)]
+        self._texts_in_pieces = self._texts_in_pieces % 65535 + 1
+        pieces = [text[i : i + _TEXT_BYTES] for i in range(0, len(text), _TEXT_BYTES)]
+        return [
+            m.MAVLink_statustext_message(int(severity), piece, self._texts_in_pieces, i)
+            for i, piece in enumerate(pieces)
+        ]
+
+    def _jump(self, t_s: float) -> None:
+        state = self.state
+        lost_s = t_s - self.pose.t_s
+        state.counts["pauses"] += 1
+        state.airframe.skip(lost_s)

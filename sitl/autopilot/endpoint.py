@@ -1,0 +1,217 @@
+"""The autopilot on the network: UDP to whoever listens and whoever talks, TCP as a server, in real time."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+import random
+from collections.abc import Callable, Iterable
+from contextlib import AsyncExitStack
+
+from companion.clock import Clock
+from sitl.autopilot.core import STEP_S, Autopilot
+from sitl.autopilot.mavlink import Message
+from sitl.autopilot.wire import LARGEST_DATAGRAM, Decoder, Encoder
+
+log = logging.getLogger(__name__)
+
+Address = tuple[str, int]
+_MOST_PEERS = 16
+_MOST_CLIENTS = 8
+_SILENT_PEER_S = 30.0
+_UNSENT_BYTES = 1 << 18
+_CONTROL_COMMANDS = "takeover, battery PERCENT, gps on, gps off"
+
+
+class Endpoint:
+    """Serves one autopilot.
+
+    Args:
+        autopilot: the vehicle.
+        clock: real time.
+        to: where telemetry goes from the beginning.
+        bind: own UDP address; port 0 for any.
+        tcp_port: where to listen for TCP, on all interfaces of ``bind``'s host; ``None`` for not at all.
+        control_port: loopback UDP port for text commands from a test; ``None`` for none.
+        drop_share: of packets lost, each way.
+        speed: simulated time per real time.
+    """
+
+    def __init__(
+        self,
+        autopilot: Autopilot,
+        clock: Clock,
+        to: Iterable[Address],
+        *,
+        bind: Address = ("0.0.0.0", 0),  # noqa: S104 - containers and ground stations are other hosts
+        tcp_port: int | None = None,
+        control_port: int | None = None,
+        drop_share: float = 0.0,
+        speed: float = 1.0,
+    ) -> None:
+        self.autopilot = autopilot
+        self.bad = 0
+        """Pieces of data that were no message."""
+        self.udp_port: int | None = None
+        """The port in use, once `run` has begun."""
+        self.tcp_port: int | None = None
+        self.control_port: int | None = None
+        self._clock = clock
+        self._to = tuple(to)
+        self._bind = bind
+        self._wanted_tcp_port = tcp_port
+        self._wanted_control_port = control_port
+        self._drop_share = drop_share
+        self._speed = speed
+        self._random = random.Random(1)  # noqa: S311 - packet loss, no secret
+        self._encoder = Encoder(autopilot.system_id)
+        self._heard_s: dict[Address, float] = {}
+        self._clients: set[asyncio.StreamWriter] = set()
+        self._udp: asyncio.DatagramTransport | None = None
+        self._zero_s = clock.now_s()
+
+    def _now_s(self) -> float:
+        """Simulated time since the start."""
+        return (self._clock.now_s() - self._zero_s) * self._speed
+
+    async def run(self, ready: Callable[[], None] = lambda: None) -> None:
+        """Serves until cancelled.
+
+        Args:
+            ready: called once everything listens.
+
+        Raises:
+            OSError: a port is taken.
+        """
+        loop = asyncio.get_running_loop()
+        async with AsyncExitStack() as stack:
+            transport, _ = await loop.create_datagram_endpoint(lambda: _Datagrams(self._datagram), self._bind)
+            stack.callback(transport.close)
+            self._udp, self.udp_port = transport, transport.get_extra_info("sockname")[1]
+            if self._wanted_control_port is not None:
+                control, _ = await loop.create_datagram_endpoint(
+                    lambda: _Datagrams(self._control), ("127.0.0.1", self._wanted_control_port)
+                )
+                stack.callback(control.close)
+                self.control_port = control.get_extra_info("sockname")[1]
+            if self._wanted_tcp_port is not None:
+                server = await asyncio.start_server(self._client, self._bind[0], self._wanted_tcp_port)
+                stack.callback(self._hang_up)
+                stack.callback(server.close)
+                self.tcp_port = server.sockets[0].getsockname()[1]
+            ready()
+            await self._tick()
+
+    async def _tick(self) -> None:
+        due_s = self._clock.now_s()
+        while True:
+            for message in self.autopilot.step(self._now_s()):
+                self._broadcast(self._encoder.bytes(message))
+            # No catching up on ticks that were missed: the autopilot does its steps itself.
+            due_s = max(due_s + STEP_S, self._clock.now_s())
+            await asyncio.sleep(max(0.0, due_s - self._clock.now_s()))
+
+    def _broadcast(self, packet: bytes) -> None:
+        if self._udp is not None:
+            for address in {*self._to, *self._heard_s}:
+                if not self._lost():
+                    self._udp.sendto(packet, address)
+        for writer in tuple(self._clients):
+            if not self._lost():
+                self._write(writer, packet)
+
+    def _write(self, writer: asyncio.StreamWriter, packet: bytes) -> None:
+        if writer.transport.get_write_buffer_size() > _UNSENT_BYTES:
+            log.warning("a TCP client does not read: hung up")
+            self._clients.discard(writer)
+            writer.transport.abort()
+        elif not writer.is_closing():
+            writer.write(packet)
+
+    def _datagram(self, data: bytes, address: Address) -> None:
+        if len(data) > LARGEST_DATAGRAM:
+            self.bad += 1
+            return
+        decoder = Decoder()
+        messages = decoder.messages(data)
+        self.bad += decoder.bad + decoder.unfinished
+        if messages:
+            self._remember(address)
+        for answer in self._received(messages):
+            if self._udp is not None and not self._lost():
+                self._udp.sendto(answer, address)
+
+    def _remember(self, address: Address) -> None:
+        """Whoever talks gets telemetry, as long as it talks."""
+        now_s = self._clock.now_s()
+        if address in self._to:
+            return
+        self._heard_s = {who: t_s for who, t_s in self._heard_s.items() if now_s - t_s < _SILENT_PEER_S}
+        if address in self._heard_s or len(self._heard_s) < _MOST_PEERS:
+            self._heard_s[address] = now_s
+
+    def _received(self, messages: list[Message]) -> list[bytes]:
+        answers: list[bytes] = []
+        for message in messages:
+            if not self._lost():
+                answers += [self._encoder.bytes(answer) for answer in self.autopilot.receive(message, self._now_s())]
+        return answers
+
+    async def _client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        if len(self._clients) >= _MOST_CLIENTS:
+            writer.close()
+            return
+        self._clients.add(writer)
+        decoder = Decoder()
+        try:
+            while data := await reader.read(LARGEST_DATAGRAM):
+                for answer in self._received(decoder.messages(data)):
+                    self._write(writer, answer)
+        except OSError:
+            log.info("a TCP client went away")
+        finally:
+            self.bad += decoder.bad
+            self._clients.discard(writer)
+            writer.close()
+
+    def _hang_up(self) -> None:
+        for writer in tuple(self._clients):
+            writer.transport.abort()
+
+    def _control(self, data: bytes, _address: Address) -> None:
+        """A test's hand on the vehicle: the transmitter, the battery, the GPS antenna."""
+        words = data[:64].decode("ascii", "replace").split()
+        if words == ["takeover"]:
+            self.autopilot.pilot_takes_over()
+        elif words in (["gps", "on"], ["gps", "off"]):
+            self.autopilot.set_gps(words[1] == "on")
+        elif len(words) == 2 and words[0] == "battery" and _percent(words[1]) is not None:
+            self.autopilot.state.battery.percent = _percent(words[1]) or 0.0
+        else:
+            self.bad += 1
+            log.warning("control knows: %s", _CONTROL_COMMANDS)
+
+    def _lost(self) -> bool:
+        return self._drop_share > 0.0 and self._random.random() < self._drop_share
+
+
+class _Datagrams(asyncio.DatagramProtocol):
+    """Hands on what arrives. Nobody listening at the other end is no error."""
+
+    def __init__(self, received: Callable[[bytes, Address], None]) -> None:
+        self._received = received
+
+    def datagram_received(self, data: bytes, addr: Address) -> None:
+        self._received(data, addr)
+
+    def error_received(self, exc: Exception) -> None:
+        log.debug("%s", exc)
+
+
+def _percent(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) and 0.0 <= value <= 100.0 else None

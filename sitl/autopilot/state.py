@@ -1,0 +1,156 @@
+"""Everything that an autopilot remembers from one step to the next."""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections import Counter, deque
+from dataclasses import dataclass, field
+
+from sitl.autopilot.airframe import Airframe, Motion
+from sitl.autopilot.battery import Battery
+from sitl.autopilot.estimator import Estimator
+from sitl.autopilot.origin import GlobalPosition
+from sitl.autopilot.parameters import Parameters
+
+
+class Behaviour(enum.Enum):
+    """What a mode does with the vehicle; several modes may do the same."""
+
+    HOLD = "brakes and stays; also what a pilot's mode does with the sticks in the middle"
+    TAKEOFF = "climbs to the height that was asked for"
+    LAND = "descends where it is"
+    DESCEND = "descends without knowing where it is"
+    SETPOINTS = "follows a computer"
+
+
+@dataclass(frozen=True, slots=True)
+class Mode:
+    """A flight mode: its number on the wire, what it does, and whether it may be armed in."""
+
+    name: str
+    custom_mode: int
+    behaviour: Behaviour
+    armable: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A velocity setpoint as it was understood when it came: in the frame of the estimate, east-north-up."""
+
+    t_s: float
+    vx_mps: float
+    vy_mps: float
+    vz_mps: float
+    yaw_rate_radps: float
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacles:
+    """OBSTACLE_DISTANCE: where the nearest obstacle is, clockwise from the nose."""
+
+    t_s: float
+    bearing_rad: float
+    range_m: float
+
+
+class Severity(enum.IntEnum):
+    """MAV_SEVERITY."""
+
+    CRITICAL = 2
+    ERROR = 3
+    WARNING = 4
+    INFO = 6
+
+
+@dataclass
+class State:
+    """The autopilot's memory.
+
+    ``mode`` is what was asked for, ``failsafe`` what is flown instead; a heartbeat shows `shown`.
+    """
+
+    boot_s: float
+    t_s: float
+    parameters: Parameters
+    airframe: Airframe
+    estimator: Estimator
+    battery: Battery
+    mode: Mode
+    gps_present: bool
+    hurry: float = 1.0
+    """Share of the real waiting times after boot."""
+    failsafe: Mode | None = None
+    armed: bool = False
+    armed_s: float = 0.0
+    flown: bool = False
+    """It has left the ground since it was armed."""
+    on_ground_s: float = 0.0
+    """For how long it has stood on the ground."""
+    hold_m: tuple[float, float, float] | None = None
+    takeoff_s: float | None = None
+    takeoff_from_m: float = 0.0
+    takeoff_height_m: float = 0.0
+    takeoff_suppressed: bool = False
+    target: Target | None = None
+    target_times_s: deque[float] = field(default_factory=lambda: deque(maxlen=2))
+    obstacles: Obstacles | None = None
+    origin: GlobalPosition | None = None
+    origin_s: float = math.inf
+    transmitter: bool = False
+    motion: Motion | None = None
+    low_battery_told: bool = False
+    texts: deque[tuple[Severity, str]] = field(default_factory=lambda: deque(maxlen=32))
+    counts: Counter[str] = field(default_factory=Counter)
+    """What was ignored, by reason; the reasons are a fixed set."""
+
+    @property
+    def shown(self) -> Mode:
+        """The mode in the heartbeat."""
+        return self.mode if self.failsafe is None else self.failsafe
+
+    @property
+    def since_boot_s(self) -> float:
+        """Time since the autopilot started."""
+        return self.t_s - self.boot_s
+
+    @property
+    def flying(self) -> bool:
+        """Armed and off the ground."""
+        return self.armed and not self.airframe.on_ground
+
+    def say(self, severity: Severity, text: str) -> None:
+        """Queues a STATUSTEXT."""
+        self.texts.append((severity, text))
+
+    def enter(self, mode: Mode) -> None:
+        """Takes a mode that was asked for."""
+        self.mode = mode
+        self.failsafe = None
+        self.hold_m = None
+        self.takeoff_s = None
+        self.takeoff_suppressed = False
+
+    def fall_back(self, mode: Mode, text: str) -> None:
+        """Flies ``mode`` instead of what was asked for."""
+        if self.failsafe is not mode:
+            self.failsafe = mode
+            self.hold_m = None
+            self.say(Severity.CRITICAL, text)
+
+    def disarm(self, text: str) -> None:
+        """Stops the motors."""
+        self.armed = False
+        self.failsafe = None
+        self.takeoff_s = None
+        self.takeoff_suppressed = False
+        self.say(Severity.INFO, text)
+
+    def target_age_s(self) -> float:
+        """Since the last setpoint; infinite when none came."""
+        return math.inf if self.target is None else self.t_s - self.target.t_s
+
+    def streaming(self) -> bool:
+        """Whether setpoints come more often than twice a second."""
+        times = self.target_times_s
+        return len(times) == 2 and times[1] - times[0] < 0.5 and self.t_s - times[1] < 0.5

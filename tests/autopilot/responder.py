@@ -1,0 +1,130 @@
+"""A very small autopilot on UDP, for tests of the link: heartbeats, attitudes, parameters, commands."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import threading
+from types import TracebackType
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+FLOAT, INT32 = 9, 6
+FIRMWARE = {"px4": 12, "ardupilot": 3}
+
+
+def free_port() -> int:
+    """A UDP port that nobody uses now."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+class Responder:
+    """Sends to ``127.0.0.1:port`` and answers from there, in a thread, while the block lasts.
+
+    Attributes:
+        received: every message that came in.
+        params: name -> (value, MAV_PARAM_TYPE).
+        frozen: names of parameters that keep their value when they are set.
+        answers: MAV_CMD -> for each arrival of the command, the results that it is acknowledged with: none is silence.
+            A command without an entry is accepted.
+        heartbeats: set to False for an autopilot that has gone quiet.
+        yaw_rad: what its attitude says.
+    """
+
+    def __init__(self, port: int, firmware: str = "px4", system_id: int = 1, component_id: int = 1) -> None:
+        self._firmware = firmware
+        self._target = ("127.0.0.1", port)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1", 0))
+        self._socket.settimeout(0.01)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._out = mavlink.MAVLink(self, srcSystem=system_id, srcComponent=component_id)
+        self.autopilot = FIRMWARE.get(firmware, 8)
+        self.received: list[Any] = []
+        self.params: dict[str, tuple[float, int]] = {}
+        self.frozen: set[str] = set()
+        self.answers: dict[int, list[list[int]]] = {}
+        self.heartbeats = True
+        self.yaw_rad = 0.5
+
+    def write(self, data: bytes) -> None:
+        """Where pymavlink puts what is to be sent."""
+        self.raw(bytes(data))
+
+    def raw(self, data: bytes) -> None:
+        """Send bytes as they are."""
+        self._socket.sendto(data, self._target)
+
+    def named(self, name: str) -> list[Any]:
+        """Everything of this name that came in."""
+        return [message for message in self.received if message.get_type() == name]
+
+    def value(self, name: str) -> float:
+        """What a parameter is set to now."""
+        return self.params[name][0]
+
+    def __enter__(self) -> Responder:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stop.set()
+        self._thread.join()
+        self._socket.close()
+
+    def _run(self) -> None:
+        incoming = mavlink.MAVLink(None)
+        incoming.robust_parsing = True
+        beats = 0
+        while not self._stop.wait(0.01):
+            if self.heartbeats and beats % 10 == 0:
+                self._out.heartbeat_send(2, self.autopilot, 81, 0x60000, 3)
+            if self.heartbeats:
+                self._out.attitude_send(1000 + 10 * beats, 0.1, float("nan"), self.yaw_rad, 0.0, 0.0, 0.2)
+            beats += 1
+            while not self._stop.is_set():
+                try:
+                    data = self._socket.recv(4096)
+                except (TimeoutError, ConnectionRefusedError):
+                    break
+                for message in incoming.parse_buffer(data) or []:
+                    self.received.append(message)
+                    self._answer(message)
+
+    def _answer(self, message: Any) -> None:
+        name = message.get_type()
+        if name == "COMMAND_LONG":
+            scripted = self.answers.get(message.command)
+            results = [0] if scripted is None else (scripted.pop(0) if scripted else [])
+            for result in results:
+                self._out.command_ack_send(message.command, result)
+        elif name == "PARAM_REQUEST_READ" and message.param_id in self.params:
+            self._say(message.param_id)
+        elif name == "PARAM_SET" and message.param_id in self.params:
+            if message.param_id not in self.frozen:
+                _, kind = self.params[message.param_id]
+                self.params[message.param_id] = (self._decoded(message.param_value, kind), kind)
+            self._say(message.param_id)
+
+    def _say(self, name: str) -> None:
+        value, kind = self.params[name]
+        self._out.param_value_send(name.encode(), self._encoded(value, kind), kind, len(self.params), 0)
+
+    def _encoded(self, value: float, kind: int) -> float:
+        if kind == FLOAT or self._firmware != "px4":
+            return value
+        as_float: float = struct.unpack("<f", struct.pack("<i", int(value)))[0]
+        return as_float
+
+    def _decoded(self, value: float, kind: int) -> float:
+        if kind == FLOAT or self._firmware != "px4":
+            return value
+        as_int: int = struct.unpack("<i", struct.pack("<f", value))[0]
+        return as_int

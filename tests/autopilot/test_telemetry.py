@@ -1,0 +1,374 @@
+"""Telemetry on a link without an autopilot: poses by the autopilot's clock, the state, and asking again."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import unittest
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.autopilot.kind import AutopilotKind
+from companion.autopilot.rates import SET_MESSAGE_INTERVAL
+from companion.autopilot.telemetry import REQUEST_MESSAGE, TEXTS, Telemetry
+from tests.autopilot.fake_link import FakeLink, HandClock
+
+BOOTED_S = 900.0
+"""When the autopilot was switched on, on our clock."""
+PX4_OFFBOARD = 6 << 16
+PX4_POSITION = 3 << 16
+ESTIMATOR_GOOD = 1 | 2 | 4 | 8 | 32
+
+
+class Autopilot:
+    """An autopilot that flies north at 1 m/s and turns, seen through a link with a delay."""
+
+    def __init__(self, kind: AutopilotKind = AutopilotKind.PX4) -> None:
+        self.clock = HandClock()
+        self.link = FakeLink(self.clock, kind)
+        self.telemetry = Telemetry(self.link, self.clock)
+        self.booted_s = BOOTED_S
+        self.delay_s = 0.01
+        self.answers_time = True
+        self.link.on_send = self._heard
+
+    def _heard(self, name: str, fields: dict[str, Any]) -> None:
+        if name == "TIMESYNC" and self.answers_time:
+            answer = round((self.clock.now_s() + self.delay_s - self.booted_s) * 1e9)
+            self.clock.advance(2 * self.delay_s)
+            self.link.deliver("TIMESYNC", {"tc1": answer, "ts1": fields["ts1"]})
+
+    def boot_ms(self) -> int:
+        return round(1000.0 * (self.clock.now_s() - self.delay_s - self.booted_s))
+
+    def attitude(self, **changed: float) -> None:
+        fields = {"roll": 0.1, "pitch": 0.05, "yaw": 0.3, "rollspeed": 0.0, "pitchspeed": 0.0, "yawspeed": 0.4}
+        self.link.deliver("ATTITUDE", {"time_boot_ms": self.boot_ms()} | fields | changed)
+
+    def position(self, **changed: float) -> None:
+        north_m = self.clock.now_s() - self.delay_s - BOOTED_S
+        fields = {"x": north_m, "y": 2.0, "z": -1.5, "vx": 1.0, "vy": 0.0, "vz": -0.1}
+        self.link.deliver("LOCAL_POSITION_NED", {"time_boot_ms": self.boot_ms()} | fields | changed)
+
+    def heartbeat(self, custom_mode: int = PX4_OFFBOARD, armed: bool = True) -> None:
+        self.link.deliver("HEARTBEAT", {"base_mode": 129 if armed else 1, "custom_mode": custom_mode, "autopilot": 12})
+
+    def fly(self, seconds: float, hz: float = 50.0) -> None:
+        for i in range(round(seconds * hz)):
+            self.clock.advance(1.0 / hz)
+            self.attitude()
+            self.position()
+            if i % 5 == 0:
+                self.telemetry.ask(self.clock.now_s())
+
+    def intervals_asked(self) -> list[tuple[int, float]]:
+        return [
+            (round(fields["param1"]), fields["param2"])
+            for fields in self.link.sent_named("COMMAND_LONG")
+            if fields["command"] == SET_MESSAGE_INTERVAL
+        ]
+
+
+def test_poses_come_in_our_frames_at_the_time_of_their_measurement() -> None:
+    """Protects the map: stamped when measured, not when they arrived, and east-north-up."""
+    autopilot = Autopilot()
+    autopilot.delay_s = 0.08
+    autopilot.fly(3.0)
+    pose = autopilot.telemetry.poses.newest()
+    assert pose is not None
+    measured_s = autopilot.clock.now_s() - 0.08
+    assert pose.t_s == pytest.approx(measured_s, abs=0.002)
+    assert (pose.x_m, pose.y_m, pose.z_m) == pytest.approx((2.0, measured_s - BOOTED_S, 1.5))
+    assert (pose.vx_mps, pose.vy_mps, pose.vz_mps) == pytest.approx((0.0, 1.0, 0.1))
+    assert pose.yaw_rad == pytest.approx(math.pi / 2 - 0.3)
+    assert (pose.roll_rad, pose.pitch_rad, pose.yaw_rate_radps) == pytest.approx((0.1, -0.05, -0.4))
+    assert autopilot.telemetry.state(autopilot.clock.now_s()).pose_age_s == pytest.approx(0.08, abs=0.002)
+    assert autopilot.telemetry.clock_residual_s == pytest.approx(0.08, abs=0.002)
+
+
+def test_without_timesync_the_least_delay_is_used() -> None:
+    """Protects autopilots that do not answer TIMESYNC: stamps are late by the least delay, never early."""
+    autopilot = Autopilot()
+    autopilot.answers_time = False
+    autopilot.fly(1.0)
+    autopilot.delay_s = 0.2
+    autopilot.fly(0.5)
+    pose = autopilot.telemetry.poses.newest()
+    assert pose is not None
+    assert pose.t_s == pytest.approx(autopilot.clock.now_s() - 0.2 + 0.01, abs=0.002)
+
+
+def test_timesync_about_another_clock_is_not_believed() -> None:
+    """Protects against stamps that are off by half an hour, as seen with one autopilot's time service."""
+    autopilot = Autopilot()
+    autopilot.fly(1.0)
+    autopilot.answers_time = False
+    autopilot.fly(5.0)
+    (question,) = autopilot.link.sent_named("TIMESYNC")[-1:]
+    answer = round((autopilot.clock.now_s() - BOOTED_S + 2534.0) * 1e9)
+    autopilot.link.deliver("TIMESYNC", {"tc1": answer, "ts1": question["ts1"]})
+    autopilot.fly(0.1)
+    pose = autopilot.telemetry.poses.newest()
+    assert pose is not None
+    assert autopilot.clock.now_s() - pose.t_s == pytest.approx(0.0, abs=0.02)
+
+
+def test_time_answers_that_nobody_asked_for_are_ignored() -> None:
+    """Protects against replayed answers, questions of the autopilot's own, and nonsense."""
+    autopilot = Autopilot()
+    autopilot.answers_time = False
+    autopilot.telemetry.ask(autopilot.clock.now_s())
+    question = autopilot.link.sent_named("TIMESYNC")[0]["ts1"]
+    for fields in (
+        {"tc1": 10**11, "ts1": question + 1},
+        {"tc1": 0, "ts1": question},
+        {"tc1": -5, "ts1": question},
+        {"tc1": math.nan, "ts1": question},
+        {},
+    ):
+        autopilot.link.deliver("TIMESYNC", fields)
+    assert autopilot.telemetry.clock_residual_s is None
+    autopilot.clock.advance(0.01)
+    for _ in range(2):
+        autopilot.link.deliver("TIMESYNC", {"tc1": 10**11, "ts1": question})
+    assert autopilot.telemetry.clock_residual_s == pytest.approx(0.005), "an answer counts once"
+
+
+def test_timesync_is_asked_often_at_first_and_seldom_later() -> None:
+    """Protects a slow serial link, and the alignment in the first seconds."""
+    autopilot = Autopilot()
+    autopilot.fly(5.0)
+    assert 9 <= len(autopilot.link.sent_named("TIMESYNC")) <= 11
+    autopilot.link.sent.clear()
+    autopilot.fly(20.0)
+    assert 3 <= len(autopilot.link.sent_named("TIMESYNC")) <= 5
+
+
+def test_a_message_is_never_from_the_future() -> None:
+    """Protects ages: no clock error may make an old pose look newer than its arrival."""
+    autopilot = Autopilot()
+    autopilot.fly(1.0)
+    autopilot.attitude()
+    newest_s = autopilot.clock.now_s()
+    autopilot.link.deliver(
+        "LOCAL_POSITION_NED",
+        {"time_boot_ms": autopilot.boot_ms() + 300, "x": 101.0, "y": 2, "z": -1.5, "vx": 1, "vy": 0, "vz": 0},
+    )
+    pose = autopilot.telemetry.poses.newest()
+    assert pose is not None
+    assert pose.t_s <= newest_s
+
+
+def test_a_restart_of_the_autopilot_forgets_the_poses_and_asks_for_everything_again() -> None:
+    """Protects against a pose of before the restart, and against telemetry at the default rates after it."""
+    autopilot = Autopilot()
+    autopilot.fly(8.0)
+    autopilot.link.sent.clear()
+    autopilot.booted_s = autopilot.clock.now_s() + 0.01
+    autopilot.clock.advance(1.0)
+    autopilot.attitude()
+    autopilot.position()
+    autopilot.attitude()
+    assert autopilot.telemetry.restarts == 1
+    assert autopilot.telemetry.poses.newest() is None
+    autopilot.fly(0.2)
+    assert len(autopilot.intervals_asked()) == 6
+    pose = autopilot.telemetry.poses.newest()
+    assert pose is not None
+    assert autopilot.clock.now_s() - pose.t_s < 0.05
+
+
+def test_one_replayed_message_is_no_restart() -> None:
+    """Protects the flight from a packet that comes twice."""
+    autopilot = Autopilot()
+    autopilot.fly(8.0)
+    before = autopilot.telemetry.poses.newest()
+    autopilot.link.deliver("ATTITUDE", {"time_boot_ms": 101_000, "roll": 1, "pitch": 1, "yaw": 1, "yawspeed": 1})
+    assert autopilot.telemetry.restarts == 0
+    assert autopilot.telemetry.poses.newest() == before
+
+
+def test_a_leap_of_the_estimate_is_not_interpolated() -> None:
+    """Protects the map from a frame that is placed half way between two estimates of the same place."""
+    autopilot = Autopilot()
+    autopilot.fly(1.0)
+    before_s = autopilot.clock.now_s()
+    autopilot.clock.advance(0.02)
+    autopilot.attitude()
+    autopilot.position(y=5.0)
+    assert autopilot.telemetry.leaps == 1
+    assert autopilot.telemetry.poses.at(before_s - 0.005) is None
+
+
+@pytest.mark.parametrize("kind", list(AutopilotKind))
+def test_rates_are_asked_for_and_asked_again_only_where_they_are_missing(kind: AutopilotKind) -> None:
+    """Protects the control loop from 4 Hz telemetry, and the link from being flooded with questions."""
+    autopilot = Autopilot(kind)
+    autopilot.telemetry.ask(autopilot.clock.now_s())
+    estimator = 230 if kind is AutopilotKind.PX4 else 193
+    assert sorted(autopilot.intervals_asked()) == [
+        (1, 1e6), (30, 2e4), (32, 2e4), (147, 1e6), (estimator, 5e5), (245, 5e5)
+    ]  # fmt: skip
+    autopilot.link.sent.clear()
+    for _ in range(200):
+        autopilot.clock.advance(0.02)
+        autopilot.attitude()
+        if autopilot.clock.now_s() % 0.1 < 0.02:
+            autopilot.position()
+        autopilot.telemetry.ask(autopilot.clock.now_s())
+    asked = [number for number, _ in autopilot.intervals_asked()]
+    assert 30 not in asked, "comes as asked"
+    assert asked.count(32) == 1, "comes at 10 Hz instead of 50, asked again after 3 s"
+
+
+def test_the_version_is_asked_for_until_it_comes() -> None:
+    """Protects the pre-flight report on a link that loses the first answer."""
+    autopilot = Autopilot()
+
+    def asked() -> int:
+        commands = autopilot.link.sent_named("COMMAND_LONG")
+        return sum(fields["command"] == REQUEST_MESSAGE and fields["param1"] == 148 for fields in commands)
+
+    autopilot.fly(11.0)
+    assert asked() == 3
+    assert autopilot.telemetry.state(autopilot.clock.now_s()).version is None
+    autopilot.link.deliver("AUTOPILOT_VERSION", {"flight_sw_version": 0x040700FF})
+    assert autopilot.telemetry.state(autopilot.clock.now_s()).version == "4.7.0"
+    autopilot.link.deliver("AUTOPILOT_VERSION", {"flight_sw_version": 0x04070000})
+    assert autopilot.telemetry.state(autopilot.clock.now_s()).version == "4.7.0-dev"
+    autopilot.fly(11.0)
+    assert asked() == 3
+
+
+def test_the_state_before_anything_was_said_claims_nothing() -> None:
+    """Protects against reading silence as landed, disarmed and healthy."""
+    autopilot = Autopilot()
+    state = autopilot.telemetry.state(autopilot.clock.now_s())
+    assert (state.armed, state.mode, state.landed, state.battery_percent) == (False, "unknown", None, None)
+    assert state.heartbeat_age_s == state.pose_age_s == math.inf
+    assert not state.position_valid
+
+
+def test_the_state_is_what_the_messages_say() -> None:
+    """Protects the reading of each message that the flight depends on."""
+    autopilot = Autopilot()
+    autopilot.heartbeat()
+    for name, fields in (
+        ("SYS_STATUS", {"battery_remaining": 61}),
+        ("EXTENDED_SYS_STATE", {"landed_state": 2}),
+        ("ESTIMATOR_STATUS", {"flags": ESTIMATOR_GOOD}),
+        ("STATUSTEXT", {"severity": 4, "text": "Failsafe"}),
+    ):
+        autopilot.link.deliver(name, fields)
+    autopilot.clock.advance(0.5)
+    state = autopilot.telemetry.state(autopilot.clock.now_s())
+    assert (state.armed, state.mode, state.landed, state.battery_percent) == (True, "offboard", False, 61.0)
+    assert (state.heartbeat_age_s, state.position_valid) == (0.5, True)
+    assert [(text.severity, text.text) for text in state.texts] == [(4, "Failsafe")]
+    autopilot.heartbeat(PX4_POSITION, armed=False)
+    autopilot.link.deliver("EXTENDED_SYS_STATE", {"landed_state": 1})
+    state = autopilot.telemetry.state(autopilot.clock.now_s())
+    assert (state.armed, state.mode, state.landed) == (False, "position", True)
+
+
+def test_what_was_said_long_ago_no_longer_counts() -> None:
+    """Protects against an estimator that was healthy before the link died."""
+    autopilot = Autopilot()
+    autopilot.heartbeat()
+    for name, fields in (
+        ("SYS_STATUS", {"battery_remaining": 61}),
+        ("EXTENDED_SYS_STATE", {"landed_state": 1}),
+        ("ESTIMATOR_STATUS", {"flags": ESTIMATOR_GOOD}),
+    ):
+        autopilot.link.deliver(name, fields)
+    autopilot.clock.advance(11.0)
+    state = autopilot.telemetry.state(autopilot.clock.now_s())
+    assert (state.landed, state.battery_percent, state.position_valid) == (None, None, False)
+    assert state.heartbeat_age_s == 11.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "flags", "valid"),
+    [
+        (AutopilotKind.PX4, ESTIMATOR_GOOD, True),
+        (AutopilotKind.PX4, ESTIMATOR_GOOD | 1024, True),  # a GPS glitch does not matter underground
+        (AutopilotKind.PX4, ESTIMATOR_GOOD | 2048, False),
+        (AutopilotKind.PX4, ESTIMATOR_GOOD | 128, False),
+        (AutopilotKind.PX4, ESTIMATOR_GOOD & ~8, False),
+        (AutopilotKind.PX4, ESTIMATOR_GOOD & ~8 | 16, True),
+        (AutopilotKind.PX4, ESTIMATOR_GOOD & ~2, False),
+        (AutopilotKind.ARDUPILOT, ESTIMATOR_GOOD, True),
+        (AutopilotKind.ARDUPILOT, ESTIMATOR_GOOD | 1024, False),
+        (AutopilotKind.ARDUPILOT, ESTIMATOR_GOOD | 128, False),
+        (AutopilotKind.ARDUPILOT, 0, False),
+    ],
+)
+def test_the_estimator_is_healthy_with_a_relative_position(kind: AutopilotKind, flags: int, valid: bool) -> None:
+    """Protects the start underground, where there is no absolute position, and refuses a guessed one."""
+    autopilot = Autopilot(kind)
+    name = "ESTIMATOR_STATUS" if kind is AutopilotKind.PX4 else "EKF_STATUS_REPORT"
+    autopilot.link.deliver(name, {"flags": flags})
+    assert autopilot.telemetry.state(autopilot.clock.now_s()).position_valid is valid
+
+
+def test_a_battery_that_sys_status_does_not_measure_is_read_from_battery_status() -> None:
+    """Protects the low-battery landing on both autopilots; -1 is not measured, not empty."""
+    autopilot = Autopilot()
+    autopilot.link.deliver("SYS_STATUS", {"battery_remaining": -1})
+    assert autopilot.telemetry.state(autopilot.clock.now_s()).battery_percent is None
+    autopilot.link.deliver("BATTERY_STATUS", {"battery_remaining": 40})
+    assert autopilot.telemetry.state(autopilot.clock.now_s()).battery_percent == 40.0
+
+
+def test_texts_are_bounded() -> None:
+    """Protects memory from an autopilot that complains ten times a second."""
+    autopilot = Autopilot()
+    for i in range(TEXTS + 30):
+        autopilot.link.deliver("STATUSTEXT", {"severity": 6, "text": str(i)})
+    texts = autopilot.telemetry.state(autopilot.clock.now_s()).texts
+    assert [text.text for text in texts] == [str(i) for i in range(30, TEXTS + 30)]
+
+
+values = st.one_of(
+    st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5), st.lists(st.integers(), max_size=2)
+)
+names = st.sampled_from([
+    "ATTITUDE", "LOCAL_POSITION_NED", "TIMESYNC", "STATUSTEXT", "HEARTBEAT", "SYS_STATUS", "BATTERY_STATUS",
+    "EXTENDED_SYS_STATE", "ESTIMATOR_STATUS", "AUTOPILOT_VERSION",
+])  # fmt: skip
+keys = st.sampled_from([
+    "time_boot_ms", "roll", "pitch", "yaw", "yawspeed", "x", "y", "z", "vx", "vy", "vz", "tc1", "ts1", "text",
+    "severity", "base_mode", "custom_mode", "battery_remaining", "landed_state", "flags", "flight_sw_version",
+])  # fmt: skip
+
+
+@given(st.lists(st.tuples(names, st.dictionaries(keys, values, max_size=8)), max_size=12))
+def test_malformed_messages_are_never_believed_and_never_crash(messages: list[tuple[str, dict[str, Any]]]) -> None:
+    """Protects the application from whatever a broken or hostile sender says with our autopilot's address."""
+    autopilot = Autopilot()
+    autopilot.fly(0.2)
+    with unittest.TestCase().assertNoLogs("companion", "ERROR"):  # a handler that raises would be logged
+        for name, fields in messages:
+            autopilot.link.deliver(name, fields)
+    autopilot.telemetry.ask(autopilot.clock.now_s())
+    state = autopilot.telemetry.state(autopilot.clock.now_s())
+    pose = autopilot.telemetry.poses.newest()
+    assert pose is None or all(math.isfinite(getattr(pose, name)) for name in type(pose).__slots__)
+    assert state.battery_percent is None or 0.0 <= state.battery_percent <= 100.0
+
+
+def test_run_asks_until_it_is_cancelled() -> None:
+    """Protects the loop that keeps telemetry alive."""
+    autopilot = Autopilot()
+
+    async def run() -> None:
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(autopilot.telemetry.run(), 0.25)
+
+    asyncio.run(run())
+    assert len(autopilot.link.sent_named("TIMESYNC")) == 1, "the clock stands still"
+    assert autopilot.intervals_asked()

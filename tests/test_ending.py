@@ -1,0 +1,68 @@
+"""Why a flight ends: the gravest reason wins, and none of them is overlooked."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from companion.autopilot.vehicle_state import VehicleState
+from companion.config.mission import MissionSettings
+from companion.ending import Ending, Standing, ending
+
+SETTINGS = MissionSettings()
+
+
+def standing(vehicle: dict[str, Any] | None = None, **changes: Any) -> Standing:
+    """A flight on which all is well, with changes."""
+    state = VehicleState(
+        armed=True,
+        mode="offboard",
+        landed=False,
+        battery_percent=80.0,
+        heartbeat_age_s=0.5,
+        pose_age_s=0.03,
+        position_valid=True,
+        version="1.17.0",
+        texts=(),
+    )
+    state = replace(state, **(vehicle or {}))
+    well = Standing(state, pilot_took_over=False, stop_asked=False, complete=False, flown_s=10.0, blind_s=0.0)
+    return replace(well, **changes)
+
+
+def test_a_flight_on_which_all_is_well_goes_on() -> None:
+    assert ending(standing(), SETTINGS) is None
+
+
+@pytest.mark.parametrize(
+    ("now", "why"),
+    [
+        (standing({"heartbeat_age_s": 3.1}), Ending.LINK),
+        (standing({"armed": False}), Ending.DISARMED),
+        (standing(pilot_took_over=True), Ending.PILOT),
+        (standing({"battery_percent": 24.0}), Ending.BATTERY),
+        (standing(blind_s=10.5), Ending.INPUTS),
+        (standing(stop_asked=True), Ending.STOPPED),
+        (standing(complete=True), Ending.COMPLETE),
+        (standing(flown_s=1200.5), Ending.TIME),
+    ],
+)
+def test_each_reason_ends_it(now: Standing, why: Ending) -> None:
+    assert ending(now, SETTINGS) is why
+
+
+def test_a_battery_that_says_nothing_is_not_an_empty_one() -> None:
+    """Pre-flight has asked for it; a sensor lost in flight must not make it land in the middle of a drift."""
+    assert ending(standing({"battery_percent": None}), SETTINGS) is None
+
+
+def test_what_takes_the_vehicle_away_comes_before_what_was_reached() -> None:
+    """A pilot who takes over at the moment of completion must not see the vehicle land under his hands."""
+    assert ending(standing(pilot_took_over=True, complete=True, stop_asked=True), SETTINGS) is Ending.PILOT
+    assert ending(standing({"heartbeat_age_s": 9.0, "armed": False}), SETTINGS) is Ending.LINK
+
+
+def test_only_completion_and_a_stop_are_ends_as_they_should_be() -> None:
+    assert {why for why in Ending if why.as_it_should} == {Ending.COMPLETE, Ending.STOPPED}
