@@ -25,11 +25,13 @@ from companion.config.settings import Settings
 from companion.ending import Ending, Standing, ending
 from companion.errors import CompanionError, InputError
 from companion.explorer import Explorer
+from companion.mapping.map_status import MapError
 from companion.mapping.worker import MapWorker
 from companion.orders import Orders
 from companion.pace import Pace
 from companion.pilot import Pilot
 from companion.recording import FlightInfo, Recorder
+from companion.recording.content import ENDED
 from companion.session import Session, open_session
 from companion.warm_up import warm_up
 from companion.watch import Announcements, MapFeed, Recording, Say
@@ -174,14 +176,28 @@ class _Flight:
                 vehicle,
                 (Recording(recorder, explorer.navigator), MapFeed(mapper), announcements),
             )
-            why = await self._in_the_air(vehicle, pilot, mapper, announcements)
-            self._say("writing the map")
-            files = await mapper.save()
-            summary = self._summary(why, results, mapper, recorder)
+            try:
+                why = await self._in_the_air(vehicle, pilot, mapper, announcements)
+            except Exception as error:
+                # The vehicle holds or lands by now; what was flown for must not be lost with the flight.
+                recorder.event(ENDED, f"broke off: {error}", logging.ERROR)
+                await self._save(mapper)
+                raise
+            files, problem = await self._save(mapper)
+            summary = self._summary(why, results, mapper, recorder) | {"map_problem": problem}
         text = json.dumps(summary, indent=2) + "\n"
         (folder / "summary.json").write_text(text, encoding="utf-8")
         self._say(f"{why.value}: {len(files)} map files and the recording are in {folder}")
         return summary
+
+    async def _save(self, mapper: MapWorker) -> tuple[list[Path], str | None]:
+        """The files of the map, or why there are none: a full disk must not end what comes after a flight."""
+        self._say("writing the map")
+        try:
+            return await mapper.save(), None
+        except MapError as error:
+            self._say(f"the map was not written: {error}")
+            return [], str(error)
 
     async def _wait_for_start(self, announcements: Announcements) -> None:
         start = self._settings.mission.start
