@@ -1,6 +1,6 @@
 # Every target prepares what it needs, on a machine where nothing but Python 3.11 or newer is installed.
 .DEFAULT_GOAL := help
-.PHONY: help setup explore test format
+.PHONY: help setup explore fly test check-docker format
 
 # A shell prepared for ROS or conda would bring its own packages along.
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
@@ -8,7 +8,7 @@ unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 ARGS =
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' Makefile
 
 setup: ## prepare .venv and the system libraries; instant when nothing has changed
 	@scripts/setup
@@ -16,8 +16,14 @@ setup: ## prepare .venv and the system libraries; instant when nothing has chang
 explore: setup ## fly through a simulated mine into a new folder in runs/; options: ARGS="--help"
 	@.venv/bin/companion sim --world complex $(ARGS)
 
+fly: setup ## fly over MAVLink in real time: stub autopilot, world and application; options: ARGS="--help"
+	@.venv/bin/companion sitl fly $(ARGS)
+
 test: setup ## format, lint, types, import contracts and tests; options for pytest: ARGS="-k config"
 	@scripts/check $(ARGS)
+
+check-docker: setup ## lint docker/; ARGS=--run also carries out its RUNs in a clean Debian, as root
+	@scripts/check-docker $(ARGS)
 
 format: setup ## sort the imports and format the code
 	@.venv/bin/ruff check --quiet --select I --fix .
