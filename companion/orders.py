@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from companion.autopilot.wire import ONBOARD_COMPONENT, Link, LinkError, Message
+from companion.errors import InputError
 
 MISSION_START = 300
 """MAV_CMD_MISSION_START, sent to this component: start the flight."""
@@ -57,7 +58,11 @@ class Orders:
 
     @contextlib.contextmanager
     def enter_key(self) -> Iterator[None]:
-        """The Enter key starts."""
+        """The Enter key starts.
+
+        Raises:
+            InputError: there is no terminal, and nothing that stands for one.
+        """
         loop = asyncio.get_running_loop()
 
         def pressed() -> None:
@@ -67,7 +72,13 @@ class Orders:
                 return
             self.start.set()
 
-        loop.add_reader(sys.stdin, pressed)
+        try:
+            loop.add_reader(sys.stdin, pressed)
+        except (OSError, ValueError):  # /dev/null, or no input at all, as under a service manager
+            raise InputError(
+                "mission.start = key, but there is no terminal: use --start command (a ground station starts the "
+                "flight) or --start now"
+            ) from None
         try:
             yield
         finally:

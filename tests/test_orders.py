@@ -6,10 +6,12 @@ import asyncio
 import math
 import os
 import signal
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from companion.errors import InputError
 from companion.orders import MISSION_START, PAUSE_CONTINUE, Orders
 from tests.autopilot.fake_link import FakeLink, HandClock
 
@@ -89,3 +91,32 @@ def test_signals_ask_for_the_end_of_the_flight(number: signal.Signals) -> None:
     orders = asyncio.run(main())
     assert orders.interrupted
     assert not orders.start.is_set()
+
+
+def test_the_enter_key_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    reading, writing = os.pipe()
+
+    async def main() -> bool:
+        orders = Orders(by_command=False)
+        with os.fdopen(reading) as terminal:
+            monkeypatch.setattr("sys.stdin", terminal)
+            with orders.enter_key():
+                os.write(writing, b"\n")
+                await asyncio.wait_for(orders.start.wait(), 5.0)
+        return orders.start.is_set()
+
+    assert asyncio.run(main())
+    os.close(writing)
+
+
+def test_without_a_terminal_the_key_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Under a service manager nobody can press it: waiting for ever would look like a hang."""
+
+    async def main() -> None:
+        with Path(os.devnull).open() as nothing:  # noqa: ASYNC230 - nothing is read from it
+            monkeypatch.setattr("sys.stdin", nothing)
+            with Orders(by_command=False).enter_key():
+                pass
+
+    with pytest.raises(InputError, match="--start command"):
+        asyncio.run(main())
