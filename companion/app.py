@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from companion.autopilot.announce import Announcer
+from companion.autopilot.announce import Announcer, Severity
 from companion.autopilot.preflight import CheckResult, refusal, render, run_checks
 from companion.autopilot.vehicle import Vehicle
 from companion.background import background
 from companion.clock import MonotonicClock
-from companion.config.load import dump_yaml
 from companion.config.settings import Settings
+from companion.config.show import dump_yaml
 from companion.ending import Ending, Standing, ending
 from companion.errors import CompanionError, InputError
 from companion.explorer import Explorer
@@ -39,6 +39,9 @@ from companion.watch import Announcements, MapFeed, Recording, Say
 SETTLE_S = 3.0
 """Rates are measured over this time before they are judged."""
 
+CHECKS_HOLD_S = 30.0
+"""A start that comes later than this finds the vehicle checked anew: a battery empties, a sensor falls silent."""
+
 LOOK_PERIOD_S = 0.2
 """How often it is asked whether the flight goes on."""
 
@@ -47,6 +50,12 @@ _log = logging.getLogger(__name__)
 
 class FlightRefusedError(CompanionError):
     """A pre-flight check failed."""
+
+
+class InterruptedFlightError(CompanionError):
+    """Ctrl-C, or the end of the service, before the vehicle explored."""
+
+    exit_code = 130
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,11 +75,11 @@ class Options:
     skip: Collection[str] = ()
 
 
-async def check(settings: Settings, options: Options) -> list[CheckResult]:
+async def check(settings: Settings, options: Options, say: Say) -> list[CheckResult]:
     """Connect, listen for a moment and run the pre-flight checks. Nothing is armed."""
-    warm_up(settings)
+    _load(settings, say)
     async with open_session(settings, MonotonicClock()) as session:
-        return await _checked(session, options)
+        return await _checked(session, options, say)
 
 
 async def fly(settings: Settings, options: Options, say: Say) -> dict[str, Any]:
@@ -88,59 +97,93 @@ async def fly(settings: Settings, options: Options, say: Say) -> dict[str, Any]:
 
     Raises:
         FlightRefusedError: a check failed; nothing was armed.
+        InterruptedFlightError: Ctrl-C before the vehicle was in control of itself.
         CompanionError: the flight could not begin, or broke off.
     """
     orders = Orders(by_command=settings.mission.start == "command")
-    seed = int(np.random.SeedSequence().generate_state(1)[0]) if options.seed is None else options.seed
-    # Before anything listens: what is compiled while messages arrive makes all of them late.
+    _load(settings, say)
+    with orders.signals():
+        try:
+            async with open_session(settings, MonotonicClock()) as session:
+                orders.listen(session.link)
+                announcer = Announcer(session.link, session.clock)
+                async with background(announcer.run()):
+                    results = await _passed(session, options, announcer, say)
+                    return await _Flight(session, options, orders, announcer, say).run(results)
+        except asyncio.CancelledError:
+            if not orders.interrupted:
+                raise
+            raise InterruptedFlightError("stopped before the take-off; nothing was armed") from None
+
+
+def _load(settings: Settings, say: Say) -> None:
+    """Before anything listens: what is compiled while messages arrive makes all of them late."""
     say("loading the navigator (the first time on a computer compiles it, about a minute)")
     warm_up(settings)
-    with orders.signals():
-        say(f"looking for the autopilot at {settings.autopilot.url}")
-        async with open_session(settings, MonotonicClock()) as session:
-            orders.listen(session.link)
-            say("connected; listening to the sensors")
-            results = await _checked(session, options)
-            if (why := refusal(results)) is not None:
-                say(render(results))
-                raise FlightRefusedError(why)
-            flight = _Flight(session, options, orders, seed, say)
-            return await flight.run(results)
+    say(f"looking for the autopilot at {settings.autopilot.url}")
 
 
-async def _checked(session: Session, options: Options) -> list[CheckResult]:
+async def _passed(session: Session, options: Options, announcer: Announcer, say: Say) -> list[CheckResult]:
+    """The results, when the vehicle may fly; told to the pilot when it may not."""
+    results = await _checked(session, options, say)
+    why = refusal(results)
+    if why is None:
+        return results
+    names = ", ".join(result.name for result in results if result.failed)
+    announcer.say(f"not armed: {names}", Severity.ERROR)
+    announcer.tick()
+    say(render(results))
+    raise FlightRefusedError(why)
+
+
+async def _checked(session: Session, options: Options, say: Say) -> list[CheckResult]:
+    settings, clock = session.settings, session.clock
     pilot = Pilot(
         session.inputs,
-        Explorer(session.settings, np.random.default_rng(0)),
-        Pace(session.clock, session.settings.control.period_s),
+        Explorer(settings, np.random.default_rng(0)),
+        Pace(clock, settings.control.period_s),
         helm=None,
     )
     async with background(pilot.run()):
+        await _until_position(session, say)
         await asyncio.sleep(SETTLE_S)
-        skip = (*session.settings.mission.skip_checks, *options.skip)
         return await run_checks(
             session.link,
             session.telemetry,
-            session.settings,
-            session.sink.statistics(session.clock.now_s()),
+            settings,
+            session.sink.statistics(clock.now_s()),
             fix=options.fix,
-            skip=skip,
+            skip=(*settings.mission.skip_checks, *options.skip),
             height_m=pilot.measured_height_m(),
-            clock=session.clock,
+            clock=clock,
         )
+
+
+async def _until_position(session: Session, say: Say) -> None:
+    """An autopilot that has just been switched on needs up to a minute: what it lacks then is no failure yet."""
+    say("connected; listening to the autopilot and the sensors")
+    give_up_s = session.clock.now_s() + session.settings.autopilot.ready_timeout_s
+    told = False
+    while not session.telemetry.state(session.clock.now_s()).position_valid and session.clock.now_s() < give_up_s:
+        if not told and session.clock.now_s() > give_up_s - session.settings.autopilot.ready_timeout_s + SETTLE_S:
+            told = True
+            say(f"waiting for the autopilot's position, up to {session.settings.autopilot.ready_timeout_s:g} s")
+        await asyncio.sleep(LOOK_PERIOD_S)
 
 
 class _Flight:
     """From the checks to the summary."""
 
-    def __init__(self, session: Session, options: Options, orders: Orders, seed: int, say: Say) -> None:
+    def __init__(self, session: Session, options: Options, orders: Orders, announcer: Announcer, say: Say) -> None:
+        drawn = int(np.random.SeedSequence().generate_state(1)[0])
         self._session = session
         self._settings = session.settings
         self._options = options
         self._orders = orders
-        self._seed = seed
+        self._announcer = announcer
+        self._seed = drawn if options.seed is None else options.seed
         self._say = say
-        self._began_s = 0.0
+        self._explored_s: tuple[float, float] | None = None
 
     async def run(self, results: list[CheckResult]) -> dict[str, Any]:
         settings, session = self._settings, self._session
@@ -152,22 +195,10 @@ class _Flight:
         async with AsyncExitStack() as stack:
             recorder = stack.enter_context(Recorder(folder / "flight.mcap", settings.record, info, session.clock))
             self._say("starting the map (the first start on a computer compiles it, about a minute)")
-            mapper = await stack.enter_async_context(
-                MapWorker(
-                    settings.mapping,
-                    settings.sensors.camera.model(),
-                    settings.control,
-                    folder,
-                    half_slab_m=settings.vehicle.body_height_m / 2.0 + settings.sensors.scan.slab_margin_m,
-                    max_slope=settings.sensors.scan.max_ground_slope,
-                    clock=session.clock,
-                )
-            )
-            announcer = Announcer(session.link, session.clock)
-            announcements = Announcements(announcer, session.telemetry, mapper, recorder, self._say)
+            mapper = await stack.enter_async_context(self._mapper(folder))
+            announcements = Announcements(self._announcer, session.telemetry, mapper, recorder, self._say)
             announcements.checks(results)
-            await stack.enter_async_context(background(announcer.run()))
-            await self._wait_for_start(announcements)
+            results = await self._wait_for_start(announcements, results)
             vehicle = Vehicle(session.link, session.telemetry, settings, session.clock)
             pilot = Pilot(
                 session.inputs,
@@ -176,19 +207,33 @@ class _Flight:
                 vehicle,
                 (Recording(recorder, explorer.navigator), MapFeed(mapper), announcements),
             )
+            broke_off: Exception | None = None
             try:
-                why = await self._in_the_air(vehicle, pilot, mapper, announcements)
-            except Exception as error:
+                why: str = (await self._in_the_air(vehicle, pilot, mapper, announcements)).value
+            except Exception as error:  # noqa: BLE001 - it is raised again, when nothing is lost any more
                 # The vehicle holds or lands by now; what was flown for must not be lost with the flight.
-                recorder.event(ENDED, f"broke off: {error}", logging.ERROR)
-                await self._save(mapper)
-                raise
+                broke_off, why = error, f"broke off: {error}"
+                recorder.event(ENDED, why, logging.ERROR)
             files, problem = await self._save(mapper)
             summary = self._summary(why, results, mapper, recorder) | {"map_problem": problem}
         text = json.dumps(summary, indent=2) + "\n"
         (folder / "summary.json").write_text(text, encoding="utf-8")
-        self._say(f"{why.value}: {len(files)} map files and the recording are in {folder}")
+        self._say(f"{why}: {len(files)} map files and the recording are in {folder}")
+        if broke_off is not None:
+            raise broke_off
         return summary
+
+    def _mapper(self, folder: Path) -> MapWorker:
+        settings = self._settings
+        return MapWorker(
+            settings.mapping,
+            settings.sensors.camera.model(),
+            settings.control,
+            folder,
+            half_slab_m=settings.vehicle.body_height_m / 2.0 + settings.sensors.scan.slab_margin_m,
+            max_slope=settings.sensors.scan.max_ground_slope,
+            clock=self._session.clock,
+        )
 
     async def _save(self, mapper: MapWorker) -> tuple[list[Path], str | None]:
         """The files of the map, or why there are none: a full disk must not end what comes after a flight."""
@@ -199,39 +244,40 @@ class _Flight:
             self._say(f"the map was not written: {error}")
             return [], str(error)
 
-    async def _wait_for_start(self, announcements: Announcements) -> None:
-        start = self._settings.mission.start
-        if self._orders.stop.is_set():
-            raise FlightRefusedError("stopped before the start; nothing was armed")
+    async def _wait_for_start(self, announcements: Announcements, results: list[CheckResult]) -> list[CheckResult]:
+        """Wait for the order. What was checked long before it is checked again."""
+        start, clock = self._settings.mission.start, self._session.clock
         if start == "now":
-            return
+            return results
+        checked_s = clock.now_s()
         announcements.phase("waiting for the start")
         self._say("ready: press Enter to take off" if start == "key" else "ready: waiting for MAV_CMD_MISSION_START")
+        self._orders.ready = True
         with self._orders.enter_key() if start == "key" else nullcontext():
-            waits = [asyncio.ensure_future(event.wait()) for event in (self._orders.start, self._orders.stop)]
-            try:
-                await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
-            finally:
-                for wait in waits:
-                    wait.cancel()
-        if self._orders.stop.is_set():
-            raise FlightRefusedError("stopped before the start; nothing was armed")
+            await self._orders.start.wait()
+        if clock.now_s() - checked_s > CHECKS_HOLD_S:
+            self._say("checking again")
+            results = await _passed(self._session, self._options, self._announcer, self._say)
+            announcements.checks(results)
+        return results
 
     async def _in_the_air(
         self, vehicle: Vehicle, pilot: Pilot, mapper: MapWorker, announcements: Announcements
     ) -> Ending:
         """Take off, explore, end. Leaving the vehicle's context leaves it holding or landing, whatever happened."""
         settings = self._settings
+        self._orders.in_the_air = True
         async with background(pilot.run()), vehicle:
             announcements.phase("taking off")
             await self._unless_stopped(vehicle.take_off(settings.control.height_m, pilot.measured_height_m))
             await self._unless_stopped(vehicle.engage())
-            self._began_s = self._session.clock.now_s()
-            pilot.fresh_s = self._began_s
+            began_s = self._session.clock.now_s()
+            pilot.fresh_s = began_s
             pilot.exploring = True
             announcements.phase("exploring")
-            why = await self._until_the_end(vehicle, pilot, mapper)
+            why = await self._until_the_end(vehicle, pilot, mapper, began_s)
             pilot.exploring = False
+            self._explored_s = (began_s, self._session.clock.now_s())
             announcements.ended(why, vehicle.foreign_mode or "")
             if why not in (Ending.PILOT, Ending.DISARMED):
                 await (vehicle.land() if settings.mission.end_action == "land" else vehicle.hold())
@@ -244,47 +290,52 @@ class _Flight:
         try:
             await asyncio.wait((task, stop), return_when=asyncio.FIRST_COMPLETED)
             if not task.done():
-                raise CompanionError("stopped during the take-off; the vehicle holds or lands")
+                raise InterruptedFlightError("stopped during the take-off; the vehicle holds or lands")
             task.result()
         finally:
             task.cancel()
             stop.cancel()
 
-    async def _until_the_end(self, vehicle: Vehicle, pilot: Pilot, mapper: MapWorker) -> Ending:
+    async def _until_the_end(self, vehicle: Vehicle, pilot: Pilot, mapper: MapWorker, began_s: float) -> Ending:
         session = self._session
+        battery_s: float | None = None
         while True:
             now_s = session.clock.now_s()
+            state = session.telemetry.state(now_s)
+            if state.battery_percent is not None:
+                battery_s = now_s
             standing = Standing(
-                vehicle=session.telemetry.state(now_s),
+                vehicle=state,
                 pilot_took_over=vehicle.pilot_took_over,
                 stop_asked=self._orders.stop.is_set(),
                 complete=mapper.status.complete,
-                flown_s=now_s - self._began_s,
+                flown_s=now_s - began_s,
                 blind_s=now_s - pilot.fresh_s,
+                battery_silent_s=0.0 if battery_s is None else now_s - battery_s,
             )
             why = ending(standing, self._settings.mission)
             if why is not None:
                 return why
             await asyncio.sleep(LOOK_PERIOD_S)
 
-    def _summary(
-        self, why: Ending, results: list[CheckResult], mapper: MapWorker, recorder: Recorder
-    ) -> dict[str, Any]:
+    def _summary(self, why: str, results: list[CheckResult], mapper: MapWorker, recorder: Recorder) -> dict[str, Any]:
         session, status = self._session, mapper.status
+        explored_s = self._explored_s or (0.0, 0.0)
         return {
             "preset": self._options.preset,
             "seed": self._seed,
             "autopilot": session.link.kind.value,
-            "ended_because": why.value,
-            "as_it_should": why.as_it_should,
+            "ended_because": why,
+            "as_it_should": why in [ending.value for ending in Ending if ending.as_it_should],
             "interrupted": self._orders.interrupted,
-            "flown_s": round(session.clock.now_s() - self._began_s, 1),
+            "explored_s": round(explored_s[1] - explored_s[0], 1),
             "completeness_estimate": status.completeness,
             "recording": recorder.problem or "whole",
             "recording_ticks_dropped": recorder.ticks_dropped,
             "recording_frames_dropped": recorder.frames_dropped,
             "map_frames": status.frames,
             "map_frames_dropped": status.dropped,
+            "map_frames_refused": status.refused,
             "map_restarts": status.restarts,
             "unpaired_frames": session.inputs.unpaired,
             "clock_residual_s": session.telemetry.clock_residual_s,

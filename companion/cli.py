@@ -38,7 +38,8 @@ config_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Show
 @config_app.command()
 def show(config: ConfigFile = None, preset: Preset = None) -> None:
     """Print every effective setting as commented YAML, ready to be edited."""
-    from companion.config.load import dump_yaml, load
+    from companion.config.load import load
+    from companion.config.show import dump_yaml
 
     loaded = load(config, preset)
     file = "" if config is None else f", overridden by {str(config)!a}"
@@ -60,7 +61,7 @@ def check(
 @config_app.command()
 def schema() -> None:
     """Print the JSON Schema of the settings file, for editors."""
-    from companion.config.load import json_schema
+    from companion.config.show import json_schema
 
     typer.echo(json.dumps(json_schema(), indent=2))
 

@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from companion.autopilot.vehicle_state import VehicleState
 from companion.config.mission import MissionSettings
 
+BATTERY_SILENT_S = 30.0
+"""A battery that was known and has not been for this long may be empty."""
+
 HEARTBEAT_LOST_S = 3.0
 """Three heartbeats of the autopilot missed: it no longer hears us either, as far as we know."""
 
@@ -19,7 +22,7 @@ class Ending(enum.StrEnum):
     """No frontier is left that the vehicle could reach."""
     STOPPED = "stopped"
     """A person asked for it."""
-    PILOT = "pilot took over"
+    PILOT = "pilot or failsafe took over"
     """The mode was changed by a person or by a failsafe of the autopilot: hands off."""
     DISARMED = "disarmed in flight"
     LINK = "autopilot lost"
@@ -45,6 +48,7 @@ class Standing:
         complete: whether the map is.
         flown_s: time since the take-off.
         blind_s: time since inputs were last fresh.
+        battery_silent_s: time since the battery's charge was last known; 0 when it never was.
     """
 
     vehicle: VehicleState
@@ -53,6 +57,7 @@ class Standing:
     complete: bool
     flown_s: float
     blind_s: float
+    battery_silent_s: float
 
 
 def ending(now: Standing, settings: MissionSettings) -> Ending | None:
@@ -64,6 +69,7 @@ def ending(now: Standing, settings: MissionSettings) -> Ending | None:
         (Ending.DISARMED, not vehicle.armed),
         (Ending.PILOT, now.pilot_took_over),
         (Ending.BATTERY, battery is not None and battery < settings.battery_low_percent),
+        (Ending.BATTERY, now.battery_silent_s > BATTERY_SILENT_S),
         (Ending.INPUTS, now.blind_s > settings.input_timeout_s),
         (Ending.STOPPED, now.stop_asked),
         (Ending.COMPLETE, now.complete),

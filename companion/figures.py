@@ -100,7 +100,7 @@ def figures(path: Path) -> Figures:
             elif entry.topic == Topic.LOG:
                 line = log_line(entry)
                 seen.event((entry.t_ns - recording.wall_ns) / 1e9 + recording.start_s, line.name, line.text)
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, OverflowError) as error:
             damage = f"{entry.topic}: {error}"
             break
     return seen.figures(damage or recording.damage)
@@ -156,8 +156,8 @@ class _Seen:
     ended: str | None = None
 
     def tick(self, tick: dict[str, Any]) -> None:
-        kept = ("t_s", "sent", "mode", "d_m", "depth_age_s", "ranges_age_s", "pose_age_s", "duration_s")
-        self.ticks.append({name: tick[name] for name in kept} | {"t_s": float(tick["t_s"])})
+        kept = {name: _known(tick[name]) for name in ("d_m", "depth_age_s", "ranges_age_s", "pose_age_s", "duration_s")}
+        self.ticks.append(kept | {"t_s": float(tick["t_s"]), "sent": bool(tick["sent"]), "mode": str(tick["mode"])})
 
     def process(self, process: dict[str, Any]) -> None:
         self.dropped = (int(process["ticks_dropped"]), int(process["frames_dropped"]))
@@ -234,6 +234,11 @@ def _near_s(ticks: Sequence[dict[str, Any]], margin_m: float) -> float:
 
 def _changes(modes: Sequence[str]) -> int:
     return sum(one != other for one, other in itertools.pairwise(modes))
+
+
+def _known(value: float | None) -> float | None:
+    """A number of a tick, None where it has none; raises ValueError, TypeError or OverflowError for anything else."""
+    return float(value) if value is not None and math.isfinite(value) else None
 
 
 def _spread_of(values: Iterable[float | None]) -> Spread | None:

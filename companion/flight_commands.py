@@ -45,9 +45,8 @@ def check(config: Config = None, preset: Preset = None, fix: Fix = False, skip: 
 
     _log_to_stderr()
     loaded = load(config, preset)
-    typer.echo(f"looking for the autopilot at {loaded.settings.autopilot.url}", err=True)
     options = app.Options(preset=loaded.preset, fix=fix, skip=tuple(skip or ()))
-    results = asyncio.run(app.check(loaded.settings, options))
+    results = asyncio.run(app.check(loaded.settings, options, lambda line: typer.echo(line, err=True)))
     typer.echo(render(results))
     if (why := refusal(results)) is not None:
         raise ChecksFailedError(why)

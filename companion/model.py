@@ -23,6 +23,12 @@ UNKNOWN, CLEAR, HIT = np.uint8(0), np.uint8(1), np.uint8(2)
 FRONT_RAD = math.radians(135.0)
 """d_f of the paper counts the front, left and right faces: bearings within this of the heading."""
 
+ABSURD = 1e6
+"""No number of a flight is larger, in m, m/s or rad: a thousand kilometres away. Times may be.
+
+A NaN is not smaller either, so one comparison finds both.
+"""
+
 
 class Mode(enum.StrEnum):
     """The modes of the paper's navigation law (7), and the one in which nothing may move."""
@@ -63,6 +69,11 @@ class Pose:
     vy_mps: float = 0.0
     vz_mps: float = 0.0
     yaw_rate_radps: float = 0.0
+
+    @property
+    def is_finite_in_plane(self) -> bool:
+        """Whether place, heading and velocity in the plane can be numbers: each is smaller than `ABSURD`."""
+        return all(abs(value) < ABSURD for value in (self.x_m, self.y_m, self.yaw_rad, self.vx_mps, self.vy_mps))
 
 
 @dataclass(frozen=True, slots=True)

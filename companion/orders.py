@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import math
 import signal
 import sys
 from collections.abc import Iterator
 from typing import Any
 
+from companion.autopilot.vehicle_state import integer, number
 from companion.autopilot.wire import ONBOARD_COMPONENT, Link, LinkError, Message
 from companion.errors import InputError
 
@@ -18,7 +18,9 @@ MISSION_START = 300
 PAUSE_CONTINUE = 193
 """MAV_CMD_DO_PAUSE_CONTINUE with parameter 1 = 0: end the flight as configured."""
 
-_ACCEPTED, _DENIED, _UNSUPPORTED = 0, 2, 3
+LARGEST_COMMAND = 65535
+
+_ACCEPTED, _NOT_NOW, _DENIED, _UNSUPPORTED = 0, 1, 2, 3
 
 
 class Orders:
@@ -31,9 +33,14 @@ class Orders:
     def __init__(self, by_command: bool) -> None:
         self.start = asyncio.Event()
         self.stop = asyncio.Event()
+        self.ready = False
+        """Whether a start is waited for. One that comes before is refused: nobody expects a take-off minutes later."""
+        self.in_the_air = False
+        """Whether a signal has to wait until the vehicle is down."""
         self.interrupted = False
         """Whether the stop came as a signal: Ctrl-C, or the end of the service."""
         self._by_command = by_command
+        self._task: asyncio.Task[object] | None = None
 
     def listen(self, link: Link) -> None:
         """Obey a ground station's commands to this component."""
@@ -46,15 +53,16 @@ class Orders:
 
     @contextlib.contextmanager
     def signals(self) -> Iterator[None]:
-        """SIGINT and SIGTERM ask for the end of the flight instead of breaking it off."""
+        """SIGINT and SIGTERM ask for the end of a flight; where nothing flies they cancel the task that calls this."""
         loop = asyncio.get_running_loop()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, self._interrupt)
+        self._task = asyncio.current_task()
+        for signal_number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(signal_number, self._interrupt)
         try:
             yield
         finally:
-            for number in (signal.SIGINT, signal.SIGTERM):
-                loop.remove_signal_handler(number)
+            for signal_number in (signal.SIGINT, signal.SIGTERM):
+                loop.remove_signal_handler(signal_number)
 
     @contextlib.contextmanager
     def enter_key(self) -> Iterator[None]:
@@ -87,13 +95,15 @@ class Orders:
     def _interrupt(self) -> None:
         self.interrupted = True
         self.stop.set()
+        if not self.in_the_air and self._task is not None:
+            self._task.cancel()
 
     def _command(self, link: Link, message: Message) -> None:
-        fields = message.fields
-        if fields.get("target_system") != link.system_id or fields.get("target_component") != ONBOARD_COMPONENT:
+        command = integer(message, "command")
+        ours = (integer(message, "target_system"), integer(message, "target_component"))
+        if ours != (link.system_id, ONBOARD_COMPONENT) or command is None or not 0 <= command <= LARGEST_COMMAND:
             return
-        command = fields.get("command")
-        result = self._obey(command, fields.get("param1"))
+        result = self._obey(command, number(message, "param1"))
         answer: dict[str, Any] = {
             "command": command,
             "result": result,
@@ -106,15 +116,16 @@ class Orders:
         with contextlib.suppress(LinkError):
             link.send("COMMAND_ACK", answer)
 
-    def _obey(self, command: object, parameter: object) -> int:
+    def _obey(self, command: int, parameter: float) -> int:
         if command == MISSION_START:
             if not self._by_command:
                 return _DENIED
+            if not self.ready:
+                return _NOT_NOW
             self.start.set()
             return _ACCEPTED
         if command == PAUSE_CONTINUE:
-            pause = isinstance(parameter, int | float) and math.isfinite(parameter) and parameter == 0.0
-            if not pause:
+            if parameter != 0.0:
                 return _DENIED
             self.stop.set()
             return _ACCEPTED

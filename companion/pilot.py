@@ -32,6 +32,7 @@ class TickRecord:
         measurement: what it made of that.
         mode: the navigator's mode; hold while it does not steer.
         setpoint: what it asked for; None: nothing, which is silence on the wire.
+        stepped: whether the navigator was asked, which changes what it remembers.
         sent: whether the setpoint went out.
         missing: the inputs that were absent or stale.
         duration_s: how long the tick took.
@@ -42,6 +43,7 @@ class TickRecord:
     measurement: Measurement | None
     mode: Mode
     setpoint: Setpoint | None
+    stepped: bool
     sent: bool
     missing: tuple[str, ...]
     duration_s: float
@@ -113,7 +115,8 @@ class Pilot:
         sent = setpoint is not None and self._helm is not None and self._helm.send(setpoint)
         mode = self._explorer.navigator.status.mode if self.exploring and not missing else Mode.HOLD
         duration_s = time.perf_counter() - began
-        record = TickRecord(now_s, observation, measurement, mode, setpoint, sent, missing, duration_s)
+        stepped = self.exploring and observation is not None
+        record = TickRecord(now_s, observation, measurement, mode, setpoint, stepped, sent, missing, duration_s)
         for watch in self._watchers:
             watch(record)
         return record

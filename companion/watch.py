@@ -65,6 +65,7 @@ class Recording:
                 sent=tick.sent,
                 height_m=self._navigator.height_m,
                 duration_s=tick.duration_s,
+                stepped=tick.stepped,
             )
         )
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.config.load import dump_yaml
+from companion.config.show import dump_yaml
 from companion.errors import InputError
 from companion.mapping.files import write_map
 from sitl.report import ReportData, overview_png, write_report

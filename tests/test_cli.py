@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from companion import cli
-from companion.config.load import dump_yaml, load_settings
+from companion.config.load import load_settings
+from companion.config.show import dump_yaml
 from companion.errors import CompanionError, InputError
 
 COMPANION = [sys.executable, "-c", "from companion.cli import main; main()"]

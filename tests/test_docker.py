@@ -24,7 +24,8 @@ from packaging.tags import Tag, compatible_tags, cpython_tags
 from packaging.utils import parse_wheel_filename
 from ruamel.yaml import YAML
 
-from companion.config.load import dump_yaml, load_settings
+from companion.config.load import load_settings
+from companion.config.show import dump_yaml
 from sitl.beside.wire import TruthUrl
 
 ROOT = Path(__file__).parent.parent

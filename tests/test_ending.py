@@ -28,7 +28,9 @@ def standing(vehicle: dict[str, Any] | None = None, **changes: Any) -> Standing:
         texts=(),
     )
     state = replace(state, **(vehicle or {}))
-    well = Standing(state, pilot_took_over=False, stop_asked=False, complete=False, flown_s=10.0, blind_s=0.0)
+    well = Standing(
+        state, pilot_took_over=False, stop_asked=False, complete=False, flown_s=10.0, blind_s=0.0, battery_silent_s=0.0
+    )
     return replace(well, **changes)
 
 
@@ -43,6 +45,7 @@ def test_a_flight_on_which_all_is_well_goes_on() -> None:
         (standing({"armed": False}), Ending.DISARMED),
         (standing(pilot_took_over=True), Ending.PILOT),
         (standing({"battery_percent": 24.0}), Ending.BATTERY),
+        (standing({"battery_percent": None}, battery_silent_s=30.5), Ending.BATTERY),
         (standing(blind_s=10.5), Ending.INPUTS),
         (standing(stop_asked=True), Ending.STOPPED),
         (standing(complete=True), Ending.COMPLETE),
@@ -54,8 +57,9 @@ def test_each_reason_ends_it(now: Standing, why: Ending) -> None:
 
 
 def test_a_battery_that_says_nothing_is_not_an_empty_one() -> None:
-    """Pre-flight has asked for it; a sensor lost in flight must not make it land in the middle of a drift."""
+    """Whoever skipped the check of the battery has none that says anything; one that falls silent may be empty."""
     assert ending(standing({"battery_percent": None}), SETTINGS) is None
+    assert ending(standing({"battery_percent": None}, battery_silent_s=10.0), SETTINGS) is None
 
 
 def test_what_takes_the_vehicle_away_comes_before_what_was_reached() -> None:

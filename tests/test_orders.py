@@ -18,10 +18,11 @@ from tests.autopilot.fake_link import FakeLink, HandClock
 OURS = {"target_system": 1, "target_component": 191}
 
 
-def told(*commands: dict[str, Any], by_command: bool = True) -> tuple[Orders, FakeLink]:
+def told(*commands: dict[str, Any], by_command: bool = True, ready: bool = True) -> tuple[Orders, FakeLink]:
     """Orders after a ground station (255, 190) has sent these."""
     link = FakeLink(HandClock())
     orders = Orders(by_command)
+    orders.ready = ready
     orders.listen(link)
     for fields in commands:
         link.deliver("COMMAND_LONG", {**OURS, "param1": 0.0, **fields}, system_id=255, component_id=190)
@@ -49,6 +50,13 @@ def test_a_start_counts_only_where_it_was_configured() -> None:
     assert answers(link) == [2, 0]
 
 
+def test_a_start_before_its_time_is_refused() -> None:
+    """Kept until the map has been loaded, it would let the vehicle take off when nobody expects it any more."""
+    orders, link = told({"command": MISSION_START}, ready=False)
+    assert not orders.start.is_set()
+    assert answers(link) == [1]
+
+
 @pytest.mark.parametrize("elsewhere", [{"target_system": 2}, {"target_component": 1}, {"target_component": None}])
 def test_commands_to_others_are_not_ours(elsewhere: dict[str, Any]) -> None:
     orders, link = told({"command": MISSION_START, **elsewhere})
@@ -65,7 +73,7 @@ def test_continue_and_nonsense_stop_nothing(parameter: object) -> None:
 
 def test_other_commands_are_answered_as_unsupported() -> None:
     _, link = told({"command": 400}, {"command": None})
-    assert answers(link) == [3, 3]
+    assert answers(link) == [3], "what has no number cannot be answered"
 
 
 def test_a_ground_station_that_is_gone_has_its_order_all_the_same() -> None:
@@ -83,6 +91,7 @@ def test_signals_ask_for_the_end_of_the_flight(number: signal.Signals) -> None:
 
     async def main() -> Orders:
         orders = Orders(by_command=False)
+        orders.in_the_air = True
         with orders.signals():
             os.kill(os.getpid(), number)
             await asyncio.wait_for(orders.stop.wait(), 5.0)
@@ -120,3 +129,17 @@ def test_without_a_terminal_the_key_is_refused(monkeypatch: pytest.MonkeyPatch) 
 
     with pytest.raises(InputError, match="--start command"):
         asyncio.run(main())
+
+
+def test_where_nothing_flies_a_signal_ends_the_program() -> None:
+    """Connecting and loading take up to minutes: Ctrl-C must not seem to be ignored."""
+
+    async def main() -> Orders:
+        orders = Orders(by_command=False)
+        with orders.signals():
+            os.kill(os.getpid(), signal.SIGINT)
+            with pytest.raises(asyncio.CancelledError):
+                await asyncio.sleep(5.0)
+        return orders
+
+    assert asyncio.run(main()).interrupted

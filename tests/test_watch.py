@@ -86,7 +86,7 @@ class Stand:
         now_s = self.clock.time_s
         told = replace(beside(1), t_s=now_s, missing=changes.get("missing", ()))
         well = TickRecord(
-            now_s, Observation(now_s, POSE), told, Mode.BOUNDARY, Setpoint(now_s, 0.5, 0.0, 0.1), True, (), 0.001
+            now_s, Observation(now_s, POSE), told, Mode.BOUNDARY, Setpoint(now_s, 0.5, 0.0, 0.1), True, True, (), 0.001
         )
         self.announcements(replace(well, **changes))
         self.announcer.tick()
@@ -144,7 +144,7 @@ def test_the_exploring_is_marked_in_the_recording() -> None:
     stand.announcements.phase("exploring")
     stand.announcements.ended(Ending.PILOT, "loiter")
     assert [name for name, _, _ in stand.notes.events] == ["phase", ENGAGED, ENDED]
-    assert stand.said[-1] == "exploring ended: pilot took over loiter"
+    assert stand.said[-1] == "exploring ended: pilot or failsafe took over loiter"
 
 
 def test_what_the_autopilot_says_reaches_the_operator_once() -> None:
@@ -170,6 +170,6 @@ def test_the_map_gets_every_image(with_frame: bool) -> None:
     frame = DepthFrame(1.0, np.full((CAMERA.height_px, CAMERA.width_px), 2.0, np.float32), CAMERA, POSE)
     seen = Observation(1.0, POSE, frame if with_frame else None)
     feed = MapFeed(cast("MapWorker", mapper))
-    feed(TickRecord(1.0, seen, None, Mode.HOLD, None, False, (), 0.0))
-    feed(TickRecord(1.0, None, None, Mode.HOLD, None, False, ("pose",), 0.0))
+    feed(TickRecord(1.0, seen, None, Mode.HOLD, None, False, False, (), 0.0))
+    feed(TickRecord(1.0, None, None, Mode.HOLD, None, False, False, ("pose",), 0.0))
     assert mapper.offered == ([frame] if with_frame else [])

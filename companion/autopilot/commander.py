@@ -20,6 +20,7 @@ from companion.autopilot.personality import (
 )
 from companion.autopilot.takeover import ModeWatch
 from companion.autopilot.telemetry import Telemetry
+from companion.autopilot.vehicle_state import integer
 from companion.autopilot.wire import Link, Message
 from companion.clock import Clock
 from companion.errors import CompanionError
@@ -174,8 +175,8 @@ class Commander:
         return FlightError(f"{what}. The autopilot said: {'; '.join(said) or 'nothing'}")
 
     def _on_heartbeat(self, message: Message) -> None:
-        mode, flags = message.fields.get("custom_mode"), message.fields.get("base_mode")
-        if isinstance(mode, int) and isinstance(flags, int):
+        mode, flags = integer(message, "custom_mode"), integer(message, "base_mode")
+        if mode is not None and flags is not None:
             before = self.watch.taken_over
             self.watch.heartbeat(mode, bool(flags & ARMED_FLAG), message.received_s)
             if before is None and self.watch.taken_over is not None:

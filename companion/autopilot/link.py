@@ -23,6 +23,7 @@ from types import TracebackType
 from typing import Any, TypeVar
 
 import mavsdk.logging
+from mavsdk.cmavsdk_loader import _cmavsdk_lib
 from mavsdk.connection_result import ConnectionResult
 from mavsdk.mavsdk import Configuration, Mavsdk
 from mavsdk.plugins.mavlink_direct_server import (
@@ -38,7 +39,7 @@ from companion.autopilot.inbox import Inbox
 from companion.autopilot.kind import AutopilotKind
 from companion.autopilot.neighbours import Neighbours, kind_of
 from companion.autopilot.parameters import Parameters
-from companion.autopilot.wire import ONBOARD_COMPONENT, Handler, LinkError, Message, Stream
+from companion.autopilot.wire import ONBOARD_COMPONENT, Handler, LinkError, Message, Stream, printable
 from companion.clock import Clock
 from companion.config.autopilot import AutopilotSettings
 
@@ -51,15 +52,23 @@ _REFUSED = frozenset({MavlinkDirectServerResult.INVALID_MESSAGE, MavlinkDirectSe
 
 
 @functools.cache
-def _log_mavsdk() -> None:
-    """What MAVSDK would print goes to our log, quietly: an error that matters is raised by us, in words of our own."""
+def _log_mavsdk() -> object:
+    """What MAVSDK would print goes to our log, quietly: an error that matters is raised by us, in words of our own.
+
+    It logs the STATUSTEXTs of everybody. Its own `log_subscribe` prints when one is no UTF-8, and has it printed.
+
+    Returns:
+        What the library calls; it has to be kept.
+    """
     levels = {mavsdk.logging.LogLevel.WARN: logging.DEBUG, mavsdk.logging.LogLevel.ERROR: logging.INFO}
 
-    def forward(level: mavsdk.logging.LogLevel, text: str, _file: str | None, _line: int) -> bool:
-        _logger.log(levels.get(level, logging.DEBUG), "MAVSDK: %s", text)
+    def forward(level: int, text: bytes | None, _file: bytes | None, _line: int, _user_data: object) -> bool:
+        _logger.log(levels.get(level, logging.DEBUG), "MAVSDK: %s", printable((text or b"").decode(errors="replace")))
         return True
 
-    mavsdk.logging.log_subscribe(forward)
+    callback = mavsdk.logging.LogCallback(forward)
+    _cmavsdk_lib.mavsdk_log_subscribe(callback, None)
+    return callback
 
 
 class MavsdkLink:

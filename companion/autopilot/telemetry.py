@@ -10,7 +10,7 @@ from companion.autopilot import vehicle_state
 from companion.autopilot.personality import mode_name
 from companion.autopilot.rates import ESTIMATOR, Rates, wanted_hz
 from companion.autopilot.vehicle_state import StatusText, VehicleState, integer, number
-from companion.autopilot.wire import AUTOPILOT_COMPONENT, Link, Message, Stream
+from companion.autopilot.wire import AUTOPILOT_COMPONENT, Link, Message, Stream, printable
 from companion.clock import Clock, ClockAlignment
 from companion.frames import NedPose, pose_from_ned
 from companion.model import Pose
@@ -25,9 +25,13 @@ UNCERTAIN_S = 0.02
 QUESTIONS = 16
 """TIMESYNC questions that may be open; older ones are forgotten."""
 TEXTS = 20
+LONGEST_TEXT = 200
+"""A STATUSTEXT has 50 bytes, and one in several pieces is not put together here."""
 STALE_S = 3.0
 """Answers of the estimator and of the landing detector, asked for at 2 Hz, count no longer than this."""
 BATTERY_STALE_S = 10.0
+OLDEST_S = 2.0
+"""A pose that says to have been measured longer ago than `PoseBuffer` remembers is one sent again, or garbage."""
 LEAP_M = 0.5
 """A position that is this far from where the last one and its velocity lead was set anew by the estimator."""
 REQUEST_MESSAGE = 512
@@ -70,12 +74,14 @@ class Telemetry:
         self._asked_version_s = -math.inf
         self._position: Pose | None = None
         self._texts: deque[StatusText] = deque(maxlen=TEXTS)
+        self._heartbeat: Message | None = None  # the newest that could be read
         self._heartbeats = link.watch("HEARTBEAT")
         self._version = link.watch("AUTOPILOT_VERSION")
         self._system = link.watch("SYS_STATUS")
         self._battery = link.watch("BATTERY_STATUS")
         self._landed = link.watch("EXTENDED_SYS_STATE")
         self._estimator = link.watch(ESTIMATOR[link.kind])
+        link.events("HEARTBEAT", self._heartbeat_came)
         link.events("ATTITUDE", self._attitude_came)
         link.events("LOCAL_POSITION_NED", self._position_came)
         link.events("TIMESYNC", self._time_came)
@@ -121,7 +127,7 @@ class Telemetry:
 
     def state(self, now_s: float) -> VehicleState:
         """Everything that is known at ``now_s``."""
-        heartbeat = self._heartbeats.newest
+        heartbeat = self._newest_heartbeat()
         custom_mode = None if heartbeat is None else integer(heartbeat, "custom_mode")
         flags = 0 if heartbeat is None else integer(heartbeat, "base_mode") or 0
         pose = self.poses.newest()
@@ -132,12 +138,18 @@ class Telemetry:
             mode="unknown" if custom_mode is None else mode_name(self._link.kind, custom_mode),
             landed=None if landed is None else vehicle_state.landed(landed),
             battery_percent=self._battery_percent(now_s),
-            heartbeat_age_s=self._heartbeats.age_s(now_s),
+            heartbeat_age_s=math.inf if heartbeat is None else now_s - heartbeat.received_s,
             pose_age_s=math.inf if pose is None else now_s - pose.t_s,
             position_valid=estimator is not None and vehicle_state.position_valid(self._link.kind, estimator),
             version=None if self._version.newest is None else vehicle_state.version(self._version.newest),
             texts=self.texts,
         )
+
+    def _newest_heartbeat(self) -> Message | None:
+        """The newest that can be read, even when its event is still on the way."""
+        if self._heartbeats.newest is not None:
+            self._heartbeat_came(self._heartbeats.newest)
+        return self._heartbeat
 
     def _battery_percent(self, now_s: float) -> float | None:
         for stream in (self._system, self._battery):
@@ -166,14 +178,16 @@ class Telemetry:
                 return
 
     def _stamp_s(self, message: Message) -> float | None:
-        """When a message was measured, on our clock: never later than it arrived."""
+        """When a message was measured, on our clock: never later than it arrived. None: not known, or long ago."""
         boot_ms = number(message, "time_boot_ms")
         restarts = self._alignment.restarts
         self._alignment.add_one_way(1e-3 * boot_ms, message.received_s)
         if self._alignment.restarts != restarts:
             self._restarted(message.received_s)
         stamp_s = self._alignment.to_local_s(1e-3 * boot_ms)
-        return None if stamp_s is None else min(stamp_s, message.received_s)
+        if stamp_s is None or stamp_s < message.received_s - OLDEST_S:
+            return None
+        return min(stamp_s, message.received_s)
 
     def _restarted(self, now_s: float) -> None:
         self.restarts += 1
@@ -221,12 +235,17 @@ class Telemetry:
             return None
         return pose_from_ned(NedPose(**(dict.fromkeys(NedPose.__slots__, 0.0) | ned | {"t_s": t_s})))
 
+    def _heartbeat_came(self, message: Message) -> None:
+        # One that cannot be read says neither that the vehicle disarmed, nor that the autopilot lives.
+        if integer(message, "custom_mode") is not None and integer(message, "base_mode") is not None:
+            self._heartbeat = message
+
     def _text_came(self, message: Message) -> None:
         text, severity = message.fields.get("text"), integer(message, "severity")
         if not isinstance(text, str) or severity is None:
             self.malformed += 1
             return
-        self._texts.append(StatusText(message.received_s, severity, text))
+        self._texts.append(StatusText(message.received_s, severity, printable(text[:LONGEST_TEXT])))
 
 
 def _fresh(stream: Stream, now_s: float, longest_s: float) -> Message | None:

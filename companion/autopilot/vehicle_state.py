@@ -15,6 +15,9 @@ _CONSTANT_POSITION = 128
 _UNINITIALIZED = 1024  # ArduPilot; on PX4 this bit is a GPS glitch
 _ACCELEROMETER_ERROR = 2048  # PX4
 
+LARGEST_INTEGER, LARGEST_NUMBER = 2**64 - 1, 3.5e38
+"""Of what MAVLink can say: 64-bit integers and 32-bit floats."""
+
 _VERSION_TYPES = ((255, ""), (192, "-rc"), (128, "-beta"), (64, "-alpha"), (0, "-dev"))
 
 
@@ -57,13 +60,18 @@ class VehicleState:
 def number(message: Message, name: str) -> float:
     """A field as a number; NaN when it is missing or none."""
     value = message.fields.get(name)
-    return float(value) if isinstance(value, (int, float)) else math.nan
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return math.nan
+    # An integer may be too large for a float.
+    return float(value) if abs(value) <= LARGEST_NUMBER else math.nan
 
 
 def integer(message: Message, name: str) -> int | None:
     """A field as an integer; None when it is missing or none."""
     value = message.fields.get(name)
-    return value if isinstance(value, int) else None
+    if isinstance(value, bool) or not isinstance(value, int):
+        return None
+    return value if abs(value) <= LARGEST_INTEGER else None
 
 
 def landed(message: Message) -> bool | None:

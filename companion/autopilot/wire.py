@@ -73,6 +73,11 @@ class Stream:
         return recent / RATE_WINDOW_S
 
 
+def printable(text: str) -> str:
+    """A text from the wire as it may be shown: nothing in it steers a terminal, or is no character at all."""
+    return "".join(letter if letter.isprintable() else " " for letter in text).strip()
+
+
 Handler = Callable[[Message], None]
 
 

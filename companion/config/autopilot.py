@@ -10,16 +10,14 @@ from pydantic_core import PydanticCustomError
 
 from companion.config.section import Section
 
-_LINK_URL = re.compile(
-    r"(udpin|udpout|udp|tcpin|tcpout|tcp)://[^\s:/]*:\d{1,5}|serial(_flowcontrol)?:///?[^\s:]+(:\d{3,8})?"
-)
+_LINK_URL = re.compile(r"(udpin|udpout|tcpin|tcpout)://[^\s:/]*:\d{1,5}|serial:///?[^\s:]+(:\d{3,8})?")
 
 
 def _link_url(url: str) -> str:
     if not _LINK_URL.fullmatch(url):
         raise PydanticCustomError(
             "link_url",
-            "must be udpin://HOST:PORT (listen), udpout://HOST:PORT, tcpin://HOST:PORT, tcpout://HOST:PORT or "
+            "udpin://HOST:PORT (listen), udpout://HOST:PORT, tcpin://HOST:PORT, tcpout://HOST:PORT or "
             "serial:///dev/NAME:BAUD",
         )
     return url
@@ -37,6 +35,9 @@ class AutopilotSettings(Section):
         1, ge=1, le=250, description="MAVLink system id of this vehicle; the application is component 191 of it"
     )
     connect_timeout_s: float = Field(30.0, gt=0.0, le=600.0, description="how long to wait for the autopilot, in s")
+    ready_timeout_s: float = Field(
+        60.0, ge=0.0, le=600.0, description="how long to wait for the autopilot's position before the checks, in s"
+    )
     command_timeout_s: float = Field(2.0, ge=0.5, le=30.0, description="how long to wait for an acknowledgement, in s")
     attitude_hz: float = Field(50.0, ge=5.0, le=200.0, description="rate at which attitudes are asked for")
     position_hz: float = Field(

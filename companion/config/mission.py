@@ -20,9 +20,7 @@ class MissionSettings(Section):
     end_action: Literal["hold", "land"] = Field(
         "land", description="how a flight ends on stop, completion or low battery: hold or land"
     )
-    time_limit_s: float = Field(
-        1200.0, gt=0.0, le=86400.0, description="the flight ends after this time in the air, in s"
-    )
+    time_limit_s: float = Field(1200.0, gt=0.0, le=86400.0, description="of exploring; then the flight ends, in s")
     battery_low_percent: float = Field(
         25.0, ge=0.0, le=95.0, description="the flight ends when the battery has less than this left, in percent"
     )

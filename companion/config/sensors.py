@@ -15,7 +15,7 @@ from companion.model import Beam, Camera
 
 def _stream_url(url: str) -> str:
     if not re.fullmatch(r"tcp://[^\s:/]+:\d{1,5}|unix:///\S+", url):
-        raise PydanticCustomError("stream_url", "must be tcp://HOST:PORT or unix:///PATH")
+        raise PydanticCustomError("stream_url", "tcp://HOST:PORT or unix:///PATH")
     return url
 
 

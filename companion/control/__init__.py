@@ -4,7 +4,8 @@ Pure: no I/O, no clock, no asyncio, no randomness but the generator handed in. `
 Section 3 of the paper; the other modules are its equations, one idea a file.
 """
 
-from companion.control.navigator import Navigator, Status, TargetKind
+from companion.control.navigator import Navigator, Status
 from companion.control.parameters import Governor, Parameters
+from companion.control.target import TargetKind
 
 __all__ = ["Governor", "Navigator", "Parameters", "Status", "TargetKind"]

@@ -5,16 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from companion.model import Pose
+from companion.model import Camera, Pose
 
 
 @dataclass(frozen=True, slots=True)
 class Offered:
-    """To the map: there is an image in a slot, exposed at ``t_s`` from ``pose``."""
+    """To the map: there is an image in a slot, exposed at ``t_s`` from ``pose`` by ``camera``."""
 
     slot: int
     t_s: float
     pose: Pose
+    camera: Camera
 
 
 @dataclass(frozen=True, slots=True)

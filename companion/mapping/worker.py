@@ -143,11 +143,12 @@ class MapWorker:
         Returns:
             Whether it was taken; when not, it is counted as dropped or refused.
         """
-        if frame.camera != self._camera or frame.depth_m.shape != self._ring.shape[1:]:
+        # A camera's own calibration is never quite what the settings say; only its size has to be.
+        if frame.depth_m.shape != self._ring.shape[1:]:
             self._refused += 1
             return False
         slot = self._ring.put(frame.depth_m) if self._ready.is_set() else None
-        if slot is None or not self._tell(Offered(slot, frame.t_s, frame.pose)):
+        if slot is None or not self._tell(Offered(slot, frame.t_s, frame.pose, frame.camera)):
             self._dropped += 1
             return False
         return True

@@ -111,7 +111,7 @@ class _Worker:
     def _integrate(self, offered: Offered) -> None:
         pose = offered.pose
         try:
-            self._map.integrate(DepthFrame(offered.t_s, self._ring.image(offered.slot), self._camera, pose))
+            self._map.integrate(DepthFrame(offered.t_s, self._ring.image(offered.slot), offered.camera, pose))
         except ValueError:
             # A pose that is no number, or outside the grid.
             self._refused += 1

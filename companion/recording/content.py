@@ -10,8 +10,8 @@ from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
-from companion.config.load import dump_yaml
 from companion.config.settings import Settings
+from companion.config.show import dump_yaml
 from companion.model import Measurement, Mode, Observation, Setpoint
 
 METADATA = "mine-companion"
@@ -70,7 +70,7 @@ class FlightInfo:
     """What has to be known of a flight to understand its recording, and to fly it again.
 
     Attributes:
-        settings_yaml: every setting, as `companion.config.load.dump_yaml` writes it.
+        settings_yaml: every setting, as `companion.config.show.dump_yaml` writes it.
         rng_state: state of the navigator's generator before it made the first draw, as JSON.
         vehicle_id: number of the vehicle in its fleet, from 1.
         versions: of the software.

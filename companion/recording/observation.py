@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.model import Beam, Camera, DepthFrame, Observation, PlanarScan, Pose, RangeReading
+from companion.sensors.sink import RawPlanar, is_possible, planar_problem
 
 _POSE = tuple(field.name for field in dataclasses.fields(Pose))
 _CAMERA = tuple(field.name for field in dataclasses.fields(Camera))
@@ -83,7 +84,9 @@ def decode(data: dict[str, Any], depth_m: NDArray[np.float32] | None) -> Observa
         pose=_decode_pose(data["pose"]),
         frame=None
         if frame is None or depth_m is None
-        else DepthFrame(float(frame["t_s"]), depth_m, _decode_camera(frame["camera"]), _decode_pose(frame["pose"])),
+        else DepthFrame(
+            float(frame["t_s"]), depth_m, _decode_camera(frame["camera"], depth_m), _decode_pose(frame["pose"])
+        ),
         ranges=tuple(
             RangeReading(
                 Beam(reading["beam"]),
@@ -93,15 +96,7 @@ def decode(data: dict[str, Any], depth_m: NDArray[np.float32] | None) -> Observa
             )
             for reading in data["ranges"]
         ),
-        planar=None
-        if planar is None
-        else PlanarScan(
-            float(planar["t_s"]),
-            np.array([float(value) for value in planar["bearings_rad"]]),
-            np.array([float(value) for value in planar["ranges_m"]]),
-            float(planar["max_range_m"]),
-            _decode_pose(planar["pose"]),
-        ),
+        planar=None if planar is None else _decode_planar(planar),
     )
 
 
@@ -113,6 +108,23 @@ def _decode_pose(data: dict[str, Any]) -> Pose:
     return Pose(**{name: float(data[name]) for name in _POSE})
 
 
-def _decode_camera(data: dict[str, Any]) -> Camera:
+def _decode_camera(data: dict[str, Any], depth_m: NDArray[np.float32]) -> Camera:
+    """The camera of an image: what no driver may say is not flown again either, since compiled code trusts it."""
     values = {name: float(data[name]) for name in _CAMERA if name not in _PIXELS}
-    return Camera(width_px=int(data["width_px"]), height_px=int(data["height_px"]), **values)
+    camera = Camera(width_px=int(data["width_px"]), height_px=int(data["height_px"]), **values)
+    if not is_possible(camera) or depth_m.shape != (camera.height_px, camera.width_px):
+        raise ValueError("a depth image that its camera cannot have taken")
+    return camera
+
+
+def _decode_planar(data: dict[str, Any]) -> PlanarScan:
+    scan = RawPlanar(
+        float(data["t_s"]),
+        np.array([float(value) for value in data["bearings_rad"]]),
+        np.array([float(value) for value in data["ranges_m"]]),
+        float(data["max_range_m"]),
+    )
+    problem = planar_problem(scan)
+    if problem is not None:
+        raise ValueError(f"a planar scan with a {problem}")
+    return PlanarScan(scan.t_s, scan.bearings_rad, scan.ranges_m, scan.max_range_m, _decode_pose(data["pose"]))

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import struct
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-from mcap.exceptions import McapError
 from mcap.records import Channel, Message, Metadata
 from mcap.stream_reader import StreamReader
 from numpy.typing import NDArray
@@ -24,8 +23,12 @@ from companion.recording.wire import fields
 LARGEST_RECORD = 1 << 28
 """Longer records are damage, and must not take all memory."""
 
-_DAMAGE = (McapError, ValueError, KeyError, IndexError, TypeError, OverflowError, struct.error)
-"""What a file says that is cut or damaged: none of these comes from a whole one."""
+_DAMAGE = (ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError)
+"""What comes of the content of a file that is cut or damaged: none of these comes from a whole one."""
+
+
+class DamageError(ValueError):
+    """The file cannot be read any further."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +86,8 @@ class Recording:
         )
         self.wall_ns = int(metadata["wall_ns_at_start"])
         self.start_s = float(metadata["clock_s_at_start"])
+        if not abs(self.wall_ns) < 1 << 63 or not math.isfinite(self.start_s):
+            raise ValueError("the start is at no possible time")
         self.damage: str | None = None
 
     def entries(self) -> Iterator[Entry]:
@@ -102,8 +107,11 @@ class Recording:
                         if isinstance(record, Message)
                         else None
                     )
-                except _DAMAGE as error:
-                    self.damage = f"{type(error).__name__} {error}".strip()
+                except DamageError as error:
+                    self.damage = str(error)
+                    return
+                except KeyError as error:
+                    self.damage = f"a message of channel {error}, which is not there"
                     return
                 if record is None:
                     return
@@ -205,4 +213,13 @@ def log_line(entry: Entry) -> LogLine:
 
 
 def _records(stream: IO[bytes]) -> Iterator[Any]:
-    return iter(StreamReader(stream, validate_crcs=True, record_size_limit=LARGEST_RECORD).records)
+    """The records up to the end, or a DamageError."""
+    records = iter(StreamReader(stream, validate_crcs=True, record_size_limit=LARGEST_RECORD).records)
+    while True:
+        try:
+            record = next(records, None)
+        except Exception as error:
+            raise DamageError(f"{type(error).__name__} {error}".strip()) from error
+        if record is None:
+            return
+        yield record

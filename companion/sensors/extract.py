@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from companion.config.sensors import SensorSettings
 from companion.model import (
+    ABSURD,
     CLEAR,
     FRONT_RAD,
     HIT,
@@ -30,9 +31,6 @@ from companion.sensors.memory import ScanMemory
 
 POSE_STALE_S = 0.3
 """A pose older than this is missing: at 0.5 m/s the vehicle is 15 cm from where it says."""
-
-FARTHEST = 1e6
-"""No number of a pose is larger: a thousand kilometres away, or eleven days after the start."""
 
 NEAREST_NOISE_M, NEAREST_SPREAD_RAD = 0.05, math.radians(35.0)
 """Points this much further than the nearest, and no further round than this, are taken for as near as it."""
@@ -272,5 +270,6 @@ def _closing(pose: Pose, bearing_rad: float) -> float:
 
 def _is_finite(pose: Pose) -> bool:
     """Whether every number of a pose can be one: points carried by a NaN would be remembered and spread."""
-    place = (pose.t_s, pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad, pose.roll_rad, pose.pitch_rad)
-    return all(abs(value) < FARTHEST for value in (*place, pose.vx_mps, pose.vy_mps))
+    rest = (pose.z_m, pose.roll_rad, pose.pitch_rad)
+    # No bound for the time: it counts from the start of the computer, which may be months ago.
+    return math.isfinite(pose.t_s) and pose.is_finite_in_plane and all(abs(value) < ABSURD for value in rest)

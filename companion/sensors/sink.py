@@ -27,6 +27,12 @@ RATE_WINDOW_S = 2.0
 MOST_RAYS = 65536
 """No planar scanner has more rays a turn."""
 
+WIDEST = 20.0
+"""Tangent of the angle between a camera's axis and the edge of its image: 87°."""
+FARTHEST_MOUNT_M = 10.0
+LONGEST_RANGE_M = 200.0
+"""No depth camera sees further; maps of the ground ahead are as long."""
+
 FROM_THE_FUTURE = "stamp from the future"
 NOT_NEWER = "stamp not newer than the last"
 NOT_A_TIME = "stamp is no finite number"
@@ -158,7 +164,7 @@ class SensorSink:
 
     def planar(self, scan: RawPlanar) -> None:
         """Offer one turn of a planar scanner: bearings ascending in [-π, π); NaN is missing, infinity free."""
-        reason = _planar_problem(scan)
+        reason = planar_problem(scan)
         with self._lock:
             if self._accepts(PLANAR, scan.t_s, reason):
                 bearings_rad = np.asarray(scan.bearings_rad, np.float64)
@@ -226,7 +232,7 @@ def _depth_problem(frame: RawDepth) -> str | None:
     depth, camera = frame.depth_m, frame.camera
     if not _is_finite(frame.t_s):
         return NOT_A_TIME
-    if not _is_possible(camera):
+    if not is_possible(camera):
         return WRONG_CAMERA
     if not _is_image(depth, (camera.height_px, camera.width_px)):
         return WRONG_SHAPE
@@ -236,14 +242,24 @@ def _depth_problem(frame: RawDepth) -> str | None:
     return NOT_POSITIVE if np.fmin.reduce(depth, axis=None) <= 0.0 else None
 
 
-def _is_possible(camera: Camera) -> bool:
+def is_possible(camera: Camera) -> bool:
+    """Whether there is such a camera: one that is not would make the ground ahead, cut into cells, of any size."""
+    if not all(_is_finite(value) for value in astuple(camera)):
+        return False
+    if camera.width_px <= 0 or camera.height_px <= 0 or camera.fx_px <= 0.0 or camera.fy_px <= 0.0:
+        return False
+    edges = (
+        camera.cx_px / camera.fx_px,
+        (camera.width_px - camera.cx_px) / camera.fx_px,
+        camera.cy_px / camera.fy_px,
+        (camera.height_px - camera.cy_px) / camera.fy_px,
+    )
+    mount_m = (camera.mount_x_m, camera.mount_y_m, camera.mount_z_m)
     return (
-        all(_is_finite(value) for value in astuple(camera))
-        and camera.width_px > 0
-        and camera.height_px > 0
-        and camera.fx_px > 0.0
-        and camera.fy_px > 0.0
-        and 0.0 <= camera.min_range_m < camera.max_range_m
+        all(abs(tangent) <= WIDEST for tangent in edges)
+        and all(abs(along_m) <= FARTHEST_MOUNT_M for along_m in mount_m)
+        and max(abs(camera.mount_yaw_rad), abs(camera.mount_pitch_rad)) <= 2.0 * math.pi
+        and 0.0 <= camera.min_range_m < camera.max_range_m <= LONGEST_RANGE_M
     )
 
 
@@ -266,7 +282,8 @@ def _tidy(reading: RangeReading) -> RangeReading:
     return replace(reading, range_m=None if math.isnan(reading.range_m) else reading.max_range_m)
 
 
-def _planar_problem(scan: RawPlanar) -> str | None:
+def planar_problem(scan: RawPlanar) -> str | None:
+    """Why a scan cannot be right; None when it can."""
     bearings, ranges = scan.bearings_rad, scan.ranges_m
     if not _is_finite(scan.t_s):
         return NOT_A_TIME

@@ -6,6 +6,7 @@ import asyncio
 import math
 import signal
 import socket
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -42,6 +43,10 @@ def autopilot(
         typer.Option(metavar="NAME|MESH", help="Mine to stand and crash in, as for `world`; else level ground."),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, metavar="N", help="Draws a random world, noise and disturbance.")] = 1,
+    config: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="YAML file with settings, as the world has: body and start.")
+    ] = None,
+    preset: Annotated[str | None, typer.Option(metavar="NAME", help="Preset below the file.")] = None,
     no_gps: Annotated[
         bool, typer.Option("--no-gps", help="No GPS receiver; the parameters are set for external odometry.")
     ] = False,
@@ -64,7 +69,7 @@ def autopilot(
     taken, 2 for wrong input, 130 after Ctrl-C.
     """
     kind = _personality(personality)
-    pose, surroundings = _place(world, seed, start)
+    pose, surroundings = _place(world, seed, start, config, preset)
     values = dict(_parameter(text) for text in param or [])
     if speed != 1.0 and kind.name == "px4":
         # As PX4's own simulator does, whatever was set.
@@ -130,7 +135,11 @@ def _personality(name: str) -> Personality:
 
 
 def _place(
-    world: str | None, seed: int, start: tuple[float, float, float, float] | None
+    world: str | None,
+    seed: int,
+    start: tuple[float, float, float, float] | None,
+    config: Path | None,
+    preset: str | None,
 ) -> tuple[Pose, Surroundings | None]:
     """Where the vehicle stands, and in what."""
     if start is not None and not all(map(math.isfinite, start)):
@@ -139,11 +148,11 @@ def _place(
     if world is None:
         return pose, None
     # Only those who want a mine wait for what it needs.
-    from companion.config.settings import Settings
+    from companion.config.load import load_settings
     from sitl.autopilot.surroundings import inside
     from sitl.beside.place import Scene
 
-    settings = Settings()
+    settings = load_settings(config, preset)
     scene = Scene.load(world, seed, start, settings)
     vehicle = settings.vehicle
     return scene.stand, inside(scene.caster, vehicle.body_radius_m, vehicle.body_height_m / 2.0)

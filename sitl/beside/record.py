@@ -61,6 +61,7 @@ class Trajectory:
     ) -> None:
         if self._file is not None:
             self._file.close()
+            self._file = self._writer = None
 
     def add(self, look: Look) -> None:
         """Adds a row: times as `time.monotonic`, places in the mine, d empty while not flying."""

@@ -13,7 +13,7 @@ INTERRUPTED, TERMINATED = "interrupted", "terminated"
 
 async def until(stop: asyncio.Event, *works: Coroutine[Any, Any, None]) -> None:
     """Runs everything until ``stop`` is set or one of them ends; raises what that one raised. None is left behind."""
-    tasks = [asyncio.create_task(work) for work in works]
+    tasks: list[asyncio.Future[Any]] = [asyncio.create_task(work) for work in works]
     tasks.append(asyncio.ensure_future(stop.wait()))
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)

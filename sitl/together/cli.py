@@ -52,6 +52,7 @@ def fly(
     )
     typer.echo("starting the autopilot and the world (the first time on a computer takes about a minute)")
     with patient(), Crew(plan) as crew:
+        typer.echo(f"faults: send takeover, battery PERCENT or gps on|off to UDP port {crew.control_port} on loopback")
         code = subprocess.run(crew.application("--fix"), env=environment(), check=False).returncode  # noqa: S603
         crew.check()
     score = crew.score()

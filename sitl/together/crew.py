@@ -127,6 +127,7 @@ class Crew:
         to = [f"127.0.0.1:{port}" for port in (self.to_application, self.to_ground, self.to_world)]
         return [
             *("--personality", plan.personality, "--seed", str(plan.seed)),
+            *("--world", plan.world, "--preset", plan.preset),
             *("--control", str(self.control_port)),
             *(part for address in to for part in ("--to", address)),
             *([] if plan.gps else ["--no-gps"]),

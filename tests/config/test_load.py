@@ -9,8 +9,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from companion.config.load import MAX_FILE_BYTES, load, load_settings, preset_names
+from companion.config.load import load, load_settings, preset_names
 from companion.config.settings import Settings
+from companion.config.source import MAX_FILE_BYTES
 from companion.errors import InputError
 from companion.model import Beam
 

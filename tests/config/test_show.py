@@ -10,8 +10,9 @@ from jsonschema import Draft202012Validator
 from pydantic import BaseModel
 from ruamel.yaml import YAML
 
-from companion.config.load import LINE_WIDTH, dump_yaml, json_schema, load_settings, preset_names
+from companion.config.load import load_settings, preset_names
 from companion.config.settings import Settings
+from companion.config.show import LINE_WIDTH, dump_yaml, json_schema
 
 
 def descriptions(model: type[BaseModel]) -> Iterator[tuple[str, str | None]]:

@@ -289,6 +289,12 @@ class TestPose:
         assert "pose" in measured.missing
         assert_finite(measured)
 
+    def test_a_computer_that_has_been_on_for_weeks_flies(self) -> None:
+        """Times count from its start: after 12 days they pass a million seconds."""
+        late = extractor().measure(observed(replace(AT_START, t_s=2e6), OPEN, DOWN))
+        assert late.missing == ()
+        assert late.h_m == pytest.approx(H_M, abs=EXACT_M)
+
     def test_an_image_whose_pose_is_not_finite_crashes_nothing(self) -> None:
         """Protects the process: compiled code has no bounds. In a process of its own, because it takes it down."""
         source = """

@@ -141,7 +141,7 @@ class MavlinkDriver:
         now_cm, least_cm, most_cm = (
             _number(fields, name) for name in ("current_distance", "min_distance", "max_distance")
         )
-        if now_cm is None or least_cm is None or most_cm is None or not 0.0 <= least_cm < most_cm:
+        if now_cm is None or least_cm is None or most_cm is None or not 0.0 <= least_cm < most_cm <= UNKNOWN_CM:
             sink.drop(beam.value, MALFORMED)
             return
         if self._is_repeated(message, (beam, _number(fields, "id")), _number(fields, "time_boot_ms")):
@@ -190,10 +190,15 @@ def planar_scan(fields: Mapping[str, Any], t_s: float) -> RawPlanar | None:
     distances = fields.get("distances")
     if width_deg is None or most_cm is None or not isinstance(distances, list | tuple):
         return None
-    if not 0.0 < width_deg <= 360.0 or most_cm <= 0.0 or abs(offset_deg) > 360.0 or not 0 < len(distances) <= BINS:
+    if (
+        not 0.0 < width_deg <= 360.0
+        or not 0.0 < most_cm <= UNKNOWN_CM
+        or abs(offset_deg) > 360.0
+        or not 0 < len(distances) <= BINS
+    ):
         return None
     # Sectors beyond the full turn would say two things of one bearing.
-    sectors = min(len(distances), int(360.0 / width_deg + 1e-3))
+    sectors = int(min(len(distances), 360.0 / width_deg + 1e-3))
     ranges_m = [_sector_m(distance, most_cm) for distance in distances[:sectors]]
     rays = max(1, math.ceil(width_deg / RAY_DEG))
     bearing_of: dict[float, float] = {}
