@@ -123,6 +123,6 @@ def _generator(recording: Recording) -> np.random.Generator:
     bits = np.random.PCG64()
     try:
         bits.state = json.loads(recording.info.rng_state)
-    except (ValueError, TypeError, KeyError):
+    except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
         raise InputError(f"{recording.path}: the state of its random generator is damaged; no replay") from None
     return np.random.Generator(bits)

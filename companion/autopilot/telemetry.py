@@ -74,6 +74,7 @@ class Telemetry:
         self._asked_version_s = -math.inf
         self._position: Pose | None = None
         self._texts: deque[StatusText] = deque(maxlen=TEXTS)
+        self._piece, self._whole = (0, 0), ""  # number and place of the newest piece, and the text up to it
         self._heartbeat: Message | None = None  # the newest that could be read
         self._heartbeats = link.watch("HEARTBEAT")
         self._version = link.watch("AUTOPILOT_VERSION")
@@ -245,7 +246,13 @@ class Telemetry:
         if not isinstance(text, str) or severity is None:
             self.malformed += 1
             return
-        self._texts.append(StatusText(message.received_s, severity, printable(text[:LONGEST_TEXT])))
+        piece = integer(message, "id") or 0, integer(message, "chunk_seq") or 0
+        if 0 not in piece and self._texts and self._piece == (piece[0], piece[1] - 1):
+            # What is longer than one message comes in pieces.
+            self._texts.pop()
+            text = self._whole + text
+        self._piece, self._whole = piece, text[:LONGEST_TEXT]
+        self._texts.append(StatusText(message.received_s, severity, printable(self._whole)))
 
 
 def _fresh(stream: Stream, now_s: float, longest_s: float) -> Message | None:

@@ -23,6 +23,9 @@ START_TIMEOUT_S = 240.0
 
 END_TIMEOUT_S = 10.0
 
+_SERVES = {"autopilot": "standing at", "world": "waiting for its truth"}
+"""What a process says when it serves; one that dies says something too."""
+
 
 class CrewError(CompanionError):
     """A process of the flight did not start, or ended too soon."""
@@ -88,6 +91,7 @@ class Crew:
         try:
             self.autopilot = self._start("autopilot", self._autopilot_options())
             self._world = self._start("world", self._world_options())
+            self._wait_for("autopilot", self.autopilot)
             self._wait_for("world", self._world)
         except BaseException:
             self._end()
@@ -159,10 +163,9 @@ class Crew:
         return process
 
     def _wait_for(self, name: str, process: subprocess.Popen[bytes]) -> None:
-        """Until it says its first line, which it does when it serves."""
-        log = self.plan.folder / f"{name}.log"
+        """Until it says that it serves."""
         give_up_s = time.monotonic() + START_TIMEOUT_S
-        while log.stat().st_size == 0:
+        while _SERVES[name] not in self._words(name):
             if process.poll() is not None:
                 raise CrewError(f"the process {name} did not start; its words: {self._words(name)}")
             if time.monotonic() > give_up_s:

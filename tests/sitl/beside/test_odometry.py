@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -76,7 +77,7 @@ def test_it_keeps_its_rate(rate_hz: float) -> None:
     """Also at the very rate of the truth, which comes with jitter; autopilots time out on half of it."""
     estimates = seen(tracker(replace(PERFECT, rate_hz=rate_hz)), jittered(ahead(20.0)))
     assert len(estimates) == pytest.approx(20.0 * rate_hz, rel=0.03)
-    assert max(b.pose.t_s - a.pose.t_s for a, b in zip(estimates[:-1], estimates[1:], strict=True)) < 2.0 / rate_hz
+    assert max(b.pose.t_s - a.pose.t_s for a, b in itertools.pairwise(estimates)) < 2.0 / rate_hz
 
 
 def test_after_a_silence_it_does_not_catch_up() -> None:
@@ -100,7 +101,7 @@ def test_drift_grows_with_the_way_and_not_with_time() -> None:
     """2 % of 100 m, in whatever direction: metres, not millimetres; at rest there is none."""
     settings = replace(PERFECT, drift_share=0.02)
     errors = []
-    for seed in range(20):
+    for seed in range(8):
         odometry = Odometry(settings, np.random.default_rng(seed))
         last = seen(odometry, ahead(50.0, speed_mps=2.0))[-1].pose
         errors.append(math.dist((last.x_m, last.y_m, last.z_m), (0.0, 2.0 * (last.t_s - START.t_s), 0.0)))

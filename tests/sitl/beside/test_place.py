@@ -75,7 +75,7 @@ def test_a_simulator_started_anew_stands_at_the_start_again() -> None:
     placer.place(ned(1.1, 0.4, 0.0, 0.0, 0.0))
     again = placer.place(ned(1.2, 60.0, 0.0, 0.0, 2.0))
     assert placer.restarts == 1
-    assert (again.x_m, again.y_m, again.yaw_rad) == (STAND.x_m, STAND.y_m, pytest.approx(STAND.yaw_rad))
+    assert (again.x_m, again.y_m, again.yaw_rad) == pytest.approx((STAND.x_m, STAND.y_m, STAND.yaw_rad))
 
 
 def test_a_link_that_was_dead_for_ten_seconds_is_no_restart() -> None:
