@@ -103,7 +103,7 @@ def _app(commands: dict[str, EntryPoint], called: str | None) -> typer.Typer:
         rich_markup_mode=None,  # help and errors stay plain text, in a terminal and in a log
     )
     app.callback()(_root)
-    for command in (flight_commands.run, flight_commands.check, flight_commands.figures):
+    for command in (flight_commands.run, flight_commands.check, flight_commands.figures, flight_commands.replay):
         app.command()(command)
     app.add_typer(config_app, name="config")
     for name, entry in sorted(commands.items()):

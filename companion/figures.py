@@ -179,7 +179,7 @@ class _Seen:
         last_s = max(times, default=self.recording.start_s)
         spans = [(start, min(end, max(last_s, start))) for start, end in self.spans]
         engaged_s = sum(end - start for start, end in spans) if spans else None
-        within = [[tick for tick in self.ticks if start <= tick["t_s"] <= end] for start, end in spans]
+        within = [[tick for tick in self.ticks if start <= tick["t_s"] < end] for start, end in self.spans]
         sent = [[tick["t_s"] + (tick["duration_s"] or 0.0) for tick in ticks if tick["sent"]] for ticks in within]
         intervals = [
             gap for (start, end), moments in zip(spans, sent, strict=True) for gap in _gaps(start, moments, end)

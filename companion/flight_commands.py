@@ -1,4 +1,4 @@
-"""The commands that fly: `companion run`, `companion check`, `companion figures`.
+"""The commands of a flight: `companion check`, `companion run`, `companion figures`, `companion replay`.
 
 What they need is imported when they run: the help must not wait for it.
 """
@@ -6,6 +6,8 @@ What they need is imported when they run: the help must not wait for it.
 from __future__ import annotations
 
 import asyncio
+import dataclasses
+import json
 import logging
 from pathlib import Path
 from typing import Annotated, Literal
@@ -93,6 +95,33 @@ def figures(
     from companion.figures import show_figures
 
     typer.echo(show_figures(file, as_json))
+
+
+def replay(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Recording of a flight, flight.mcap.")],
+    config: Annotated[
+        Path | None, typer.Option("--config", metavar="FILE", help="Other settings than it was flown with.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of words.")] = False,
+) -> None:
+    """Fly a recording again through the present code, and compare the setpoints.
+
+    The exit code is 0 when every setpoint is the recorded one, 1 when some differ, 2 when the file is no recording.
+    """
+    from companion.config.load import load_settings
+    from companion.replay import replay as fly_again
+
+    flown = fly_again(file, None if config is None else load_settings(config))
+    if as_json:
+        typer.echo(json.dumps(dataclasses.asdict(flown), indent=2))
+    else:
+        typer.echo(f"{flown.ticks} ticks flown again, {flown.compared} setpoints compared, {flown.differing} differ")
+        if flown.first_difference_s is not None:
+            typer.echo(f"first at t = {flown.first_difference_s:.2f} s, largest {flown.largest_difference:.3g}")
+        if flown.stopped is not None:
+            typer.echo(f"ended early: {flown.stopped}")
+    if flown.differing:
+        raise typer.Exit(1)
 
 
 def _log_to_stderr() -> None:
