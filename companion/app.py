@@ -5,9 +5,8 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-from collections.abc import Collection, Coroutine
+from collections.abc import Coroutine
 from contextlib import AsyncExitStack, nullcontext
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -15,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from companion.autopilot.announce import Announcer, Severity
-from companion.autopilot.preflight import CheckResult, refusal, render, run_checks
+from companion.autopilot.announce import Announcer
+from companion.autopilot.preflight import CheckResult
 from companion.autopilot.vehicle import Vehicle
 from companion.background import background
 from companion.clock import MonotonicClock
@@ -30,26 +29,18 @@ from companion.mapping.worker import MapWorker
 from companion.orders import Orders
 from companion.pace import Pace
 from companion.pilot import Pilot
+from companion.ready import Options, checked, passed
 from companion.recording import FlightInfo, Recorder
 from companion.recording.content import ENDED
 from companion.session import Session, open_session
 from companion.warm_up import warm_up
 from companion.watch import Announcements, MapFeed, Recording, Say
 
-SETTLE_S = 3.0
-"""Rates are measured over this time before they are judged."""
-
 CHECKS_HOLD_S = 30.0
 """A start that comes later than this finds the vehicle checked anew: a battery empties, a sensor falls silent."""
 
 LOOK_PERIOD_S = 0.2
 """How often it is asked whether the flight goes on."""
-
-_log = logging.getLogger(__name__)
-
-
-class FlightRefusedError(CompanionError):
-    """A pre-flight check failed."""
 
 
 class InterruptedFlightError(CompanionError):
@@ -58,28 +49,11 @@ class InterruptedFlightError(CompanionError):
     exit_code = 130
 
 
-@dataclass(frozen=True, slots=True)
-class Options:
-    """What the command line adds to the settings.
-
-    Attributes:
-        preset: its name, for the records.
-        seed: draws every choice of the navigator; None draws a new one, which is recorded.
-        fix: whether pre-flight may set parameters of the autopilot.
-        skip: names of checks to skip, besides those in the settings.
-    """
-
-    preset: str
-    seed: int | None = None
-    fix: bool = False
-    skip: Collection[str] = ()
-
-
 async def check(settings: Settings, options: Options, say: Say) -> list[CheckResult]:
     """Connect, listen for a moment and run the pre-flight checks. Nothing is armed."""
     _load(settings, say)
     async with open_session(settings, MonotonicClock()) as session:
-        return await _checked(session, options, say)
+        return await checked(session, options, say)
 
 
 async def fly(settings: Settings, options: Options, say: Say) -> dict[str, Any]:
@@ -108,7 +82,7 @@ async def fly(settings: Settings, options: Options, say: Say) -> dict[str, Any]:
                 orders.listen(session.link)
                 announcer = Announcer(session.link, session.clock)
                 async with background(announcer.run()):
-                    results = await _passed(session, options, announcer, say)
+                    results = await passed(session, options, announcer, say)
                     return await _Flight(session, options, orders, announcer, say).run(results)
         except asyncio.CancelledError:
             if not orders.interrupted:
@@ -121,54 +95,6 @@ def _load(settings: Settings, say: Say) -> None:
     say("loading the navigator (the first time on a computer compiles it, about a minute)")
     warm_up(settings)
     say(f"looking for the autopilot at {settings.autopilot.url}")
-
-
-async def _passed(session: Session, options: Options, announcer: Announcer, say: Say) -> list[CheckResult]:
-    """The results, when the vehicle may fly; told to the pilot when it may not."""
-    results = await _checked(session, options, say)
-    why = refusal(results)
-    if why is None:
-        return results
-    names = ", ".join(result.name for result in results if result.failed)
-    announcer.say(f"not armed: {names}", Severity.ERROR)
-    announcer.tick()
-    say(render(results))
-    raise FlightRefusedError(why)
-
-
-async def _checked(session: Session, options: Options, say: Say) -> list[CheckResult]:
-    settings, clock = session.settings, session.clock
-    pilot = Pilot(
-        session.inputs,
-        Explorer(settings, np.random.default_rng(0)),
-        Pace(clock, settings.control.period_s),
-        helm=None,
-    )
-    async with background(pilot.run()):
-        await _until_position(session, say)
-        await asyncio.sleep(SETTLE_S)
-        return await run_checks(
-            session.link,
-            session.telemetry,
-            settings,
-            session.sink.statistics(clock.now_s()),
-            fix=options.fix,
-            skip=(*settings.mission.skip_checks, *options.skip),
-            height_m=pilot.measured_height_m(),
-            clock=clock,
-        )
-
-
-async def _until_position(session: Session, say: Say) -> None:
-    """An autopilot that has just been switched on needs up to a minute: what it lacks then is no failure yet."""
-    say("connected; listening to the autopilot and the sensors")
-    give_up_s = session.clock.now_s() + session.settings.autopilot.ready_timeout_s
-    told = False
-    while not session.telemetry.state(session.clock.now_s()).position_valid and session.clock.now_s() < give_up_s:
-        if not told and session.clock.now_s() > give_up_s - session.settings.autopilot.ready_timeout_s + SETTLE_S:
-            told = True
-            say(f"waiting for the autopilot's position, up to {session.settings.autopilot.ready_timeout_s:g} s")
-        await asyncio.sleep(LOOK_PERIOD_S)
 
 
 class _Flight:
@@ -257,7 +183,7 @@ class _Flight:
             await self._orders.start.wait()
         if clock.now_s() - checked_s > CHECKS_HOLD_S:
             self._say("checking again")
-            results = await _passed(self._session, self._options, self._announcer, self._say)
+            results = await passed(self._session, self._options, self._announcer, self._say)
             announcements.checks(results)
         return results
 

@@ -44,10 +44,11 @@ def check(config: Config = None, preset: Preset = None, fix: Fix = False, skip: 
     from companion import app
     from companion.autopilot.preflight import refusal, render
     from companion.config.load import load
+    from companion.ready import Options
 
     _log_to_stderr()
     loaded = load(config, preset)
-    options = app.Options(preset=loaded.preset, fix=fix, skip=tuple(skip or ()))
+    options = Options(preset=loaded.preset, fix=fix, skip=tuple(skip or ()))
     results = asyncio.run(app.check(loaded.settings, options, lambda line: typer.echo(line, err=True)))
     typer.echo(render(results))
     if (why := refusal(results)) is not None:
@@ -73,13 +74,14 @@ def run(
     """
     from companion import app
     from companion.config.load import load
+    from companion.ready import Options
 
     _log_to_stderr()
     loaded = load(config, preset)
     settings = loaded.settings
     if start is not None:
         settings = settings.model_copy(update={"mission": settings.mission.model_copy(update={"start": start})})
-    options = app.Options(preset=loaded.preset, seed=seed, fix=fix, skip=tuple(skip or ()))
+    options = Options(preset=loaded.preset, seed=seed, fix=fix, skip=tuple(skip or ()))
     summary = asyncio.run(app.fly(settings, options, typer.echo))
     if summary["interrupted"]:
         raise typer.Exit(EXIT_INTERRUPTED)

@@ -9,11 +9,11 @@ import pytest
 
 from companion.errors import InputError
 from sitl.raycast import RayCaster
+from sitl.surface import surface_samples
 from sitl.truth import (
     Truth,
     _Levels,
     horizontal_clearance,
-    surface_samples,
     traveling_surface,
     visible_samples,
 )
