@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,18 +23,19 @@ from foxglove.messages import Log, LogLevel, RawImage, Timestamp
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.clock import MonotonicClock
 from companion.config.record import RecordSettings
 from companion.errors import InputError
 from companion.model import Beam, Camera, DepthFrame, Mode, Observation, PlanarScan, Pose, RangeReading
 from companion.recording import Recorder, open_recording
 from companion.recording import record as record_module
+from companion.recording import writing as writing_module
 from companion.recording.content import Topic
 from companion.recording.file import RecordingFile
 from companion.recording.observation import decode, encode
 from companion.recording.process import LoadMeter
 from companion.recording.read import depth_image, log_line
 from companion.recording.wire import fields
+from companion.recording.writing import Writing
 from tests.flights import SETTINGS, HandClock, make_frame, make_info, make_tick
 
 anything = st.floats(width=64)
@@ -157,7 +159,7 @@ def test_observations_come_back_to_the_last_bit(
     depth = np.ones((2, 3), np.float32)
     scan = None
     if ranges_m is not None:
-        scan = PlanarScan(t_s, np.linspace(-1.0, 1.0 / 3.0, len(ranges_m)), np.array(ranges_m), 9.1, pose)
+        scan = PlanarScan(100.0 / 3.0, np.linspace(-1.0, 1.0 / 3.0, len(ranges_m)), np.array(ranges_m), 9.1, pose)
     frame = DepthFrame(t_s, depth, camera, pose) if framed else None
     observation = Observation(t_s, pose, frame, tuple(readings), scan)
     text = json.dumps(encode(observation, framed), allow_nan=False)
@@ -230,30 +232,38 @@ def test_a_stamp_that_is_no_time_ends_nothing(tmp_path: Path, t_s: float) -> Non
 # Never in the way.
 
 
-def test_recording_blocks_for_less_than_5_ms(tmp_path: Path) -> None:
-    """Protects the loop that flies: handing over a 640 x 480 image, and the writing beside it.
+def test_recording_blocks_for_less_than_5_ms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protects the loop that flies, with 640 x 480 images: the handing over, and the interpreter's lock.
 
-    The median of what a sleeping loop is late, because this machine may have other things to do.
+    The native writer holds that lock while it works, so its work on one tick, in processor time of all its threads,
+    bounds how long the loop may wait for it. The clock on the wall would measure who else uses this machine.
     """
     camera = replace(SETTINGS.sensors.camera.model(), width_px=640, height_px=480)
     frame = make_frame(1.0, camera)
-    clock = MonotonicClock()
-    handed, late = [], []
-    with Recorder(tmp_path / "flight.mcap", RecordSettings(), make_info(), clock) as recorder:
-        for _ in range(20):
-            tick = make_tick(clock.now_s(), frame=frame)
-            began = time.perf_counter()
-            recorder.tick(tick)
-            handed.append(time.perf_counter() - began)
-            worst = 0.0
-            for _ in range(20):
-                began = time.perf_counter()
-                time.sleep(0.001)
-                worst = max(worst, time.perf_counter() - began - 0.001)
-            late.append(worst)
+    handed, held = [], []
+
+    def timed(method: Callable[..., None]) -> Callable[..., None]:
+        def call(*arguments: object) -> None:
+            began = time.process_time()
+            method(*arguments)
+            held.append(time.process_time() - began)
+
+        return call
+
+    for name in ("tick", "now_and_then"):
+        monkeypatch.setattr(Writing, name, timed(getattr(Writing, name)))
+    monkeypatch.setattr(writing_module, "FLUSH_S", 0.0)  # every chunk is finished at once, as seldom happens
+    with Recorder(tmp_path / "flight.mcap", RecordSettings(), make_info(), HandClock()) as recorder:
+        for n in range(40):
+            began = time.thread_time()
+            recorder.tick(make_tick(n / 20.0, frame=frame))
+            handed.append(time.thread_time() - began)
+            wait_until_written(recorder)
     assert recorder.problem is None
-    assert np.median(handed) < 0.0005
-    assert np.median(late) < 0.005
+    assert recorder.frames_dropped == 0
+    assert len(held) >= 80
+    assert np.percentile(handed, 90) < 0.001
+    assert np.percentile(held, 90) < 0.005
 
 
 def test_a_slow_disk_costs_images_first_then_ticks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,50 +1,27 @@
-"""The recorder: takes what a tick gives in microseconds, and writes it in a thread of its own.
-
-The file grows by half a second at a time, each part whole: one that ends in the middle, because the process was killed
-or the power went, is readable up to there.
-
-Nothing is compressed. The native writer holds the interpreter's lock while it compresses, 30 to 60 ms for a 640 x 480
-depth image, during which nothing flies the vehicle; without compression it is 2 ms.
-"""
+"""The recorder: takes what a tick gives in microseconds, and writes it in a thread of its own."""
 
 from __future__ import annotations
 
-import json
 import logging
-import math
 import queue
 import threading
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-import foxglove
-from foxglove import Context
-from foxglove.mcap import MCAPWriteOptions, MCAPWriter
-
 from companion.clock import Clock
 from companion.config.record import RecordSettings
-from companion.model import Beam, Mode, Observation
-from companion.recording.channels import Channels
-from companion.recording.content import FORMAT, METADATA, FlightInfo, Tick
+from companion.recording.content import FlightInfo, Tick
 from companion.recording.file import RecordingFile
-from companion.recording.process import LoadMeter
+from companion.recording.writing import Writing
 
-FLUSH_S = 0.5
-"""So much is lost when the process is killed."""
-SYNC_S = 2.0
-"""So much is lost when the power goes."""
-SCAN_S = 0.5
-PROCESS_S = 1.0
 WAITING = 512
 """Most ticks and events that wait for the disk: 25 s at 20 Hz."""
 FRAMES_WAITING = 8
 """Most depth images among them: 10 MB at 640 x 480."""
 CLOSE_S = 5.0
 """How long the end of a flight waits for a slow disk."""
-CHUNK_BYTES = 1 << 18
 
 _log = logging.getLogger(__name__)
 
@@ -176,7 +153,7 @@ class Recorder:
 
     def _run(self, file: RecordingFile) -> None:
         try:
-            writing = _Writing(file, self._info, self._clock)
+            writing = Writing(file, self._info, self._clock)
             try:
                 while self._step(writing, file):
                     pass
@@ -189,7 +166,7 @@ class Recorder:
         if file.problem is not None:
             self._stop(file.problem)
 
-    def _step(self, writing: _Writing, file: RecordingFile) -> bool:
+    def _step(self, writing: Writing, file: RecordingFile) -> bool:
         """One item of the queue; False when there is nothing more to record."""
         try:
             item = self._queue.get(timeout=0.1)
@@ -216,7 +193,7 @@ class Recorder:
             return False
         return True
 
-    def _frame_left_out(self, writing: _Writing, file: RecordingFile) -> None:
+    def _frame_left_out(self, writing: Writing, file: RecordingFile) -> None:
         with self._lock:
             self.frames_dropped += 1
         if not writing.told_of_frames:
@@ -224,95 +201,3 @@ class Recorder:
             text = f"no depth images from here on: {file.size / 1e6:.0f} of {file.limit / 1e6:.0f} MB are used"
             writing.event("recording", text, logging.WARNING)
             _log.warning("%s: %s", self.path, text)
-
-
-class _Writing:
-    """The open file, what has to be done to it regularly, and what is known of the inputs so far."""
-
-    def __init__(self, file: RecordingFile, info: FlightInfo, clock: Clock) -> None:
-        self._file = file
-        self._clock = clock
-        self._wall_ns, self._start_s = time.time_ns(), clock.now_s()
-        self._context = context = Context()  # kept: its channels close when it goes
-        options = MCAPWriteOptions(
-            compression=None, chunk_size=CHUNK_BYTES, disable_seeking=True, calculate_data_section_crc=False
-        )
-        self._mcap: MCAPWriter = foxglove.open_mcap(file, context=context, writer_options=options)
-        self._mcap.write_metadata(METADATA, _metadata(info, self._wall_ns, self._start_s))
-        self.channels = Channels(context, self._wall_ns, self._start_s)
-        self.told_of_frames = False
-        self._mode: Mode | None = None
-        self._ground_read_s = -math.inf
-        self._meter = LoadMeter()
-        self._next_scan_s = -math.inf
-        self._next_process_s = self._next_flush_s = self._next_sync_s = -math.inf
-
-    def tick(self, tick: Tick, number: int, with_frame: bool) -> None:
-        observation = tick.observation
-        if tick.mode != self._mode:
-            before = "the start" if self._mode is None else self._mode.value
-            self.channels.event("mode", f"{before} -> {tick.mode.value}", logging.INFO, observation.t_s)
-            self._mode = tick.mode
-        self.channels.tick(tick, number, self._ages_s(tick), with_frame)
-        if tick.measurement.scan is not None and observation.t_s >= self._next_scan_s:
-            self._next_scan_s = observation.t_s + SCAN_S
-            self.channels.scan(tick.measurement.scan, observation.t_s)
-
-    def event(self, name: str, text: str, level: int) -> None:
-        self.channels.event(name, text, level, self._clock.now_s())
-
-    def now_and_then(self, ticks_dropped: int, frames_dropped: int) -> None:
-        # By the machine's time, not the flight's: a simulated clock may stand or race.
-        now_s = time.monotonic()
-        if now_s >= self._next_process_s:
-            self._next_process_s = now_s + PROCESS_S
-            t_s = self._clock.now_s()
-            counts = {
-                "wall_clock_steps_s": (time.time_ns() - self._wall_ns) / 1e9 - (t_s - self._start_s),
-                "ticks_dropped": ticks_dropped,
-                "frames_dropped": frames_dropped,
-                "file_bytes": self._file.size,
-            }
-            self.channels.process(self._meter.sample(now_s), counts, t_s)
-        if now_s >= self._next_flush_s:
-            self._next_flush_s = now_s + FLUSH_S
-            self._mcap.flush()
-        if now_s >= self._next_sync_s:
-            self._next_sync_s = now_s + SYNC_S
-            self._file.sync()
-
-    def close(self) -> None:
-        self.channels.close()
-        self._mcap.close()
-        self._file.sync()
-
-    def _ages_s(self, tick: Tick) -> dict[str, float]:
-        """How old the inputs were when the tick was done, which is when its setpoint went out."""
-        observation = tick.observation
-        self._ground_read_s = max(self._ground_read_s, _ground_read_s(observation))
-        done_s = observation.t_s + tick.duration_s
-        return {
-            "depth_age_s": tick.measurement.scan_age_s + tick.duration_s,
-            "ranges_age_s": done_s - self._ground_read_s,
-            "pose_age_s": done_s - observation.pose.t_s,
-        }
-
-
-def _ground_read_s(observation: Observation) -> float:
-    """When the beam downward, on which the height rests, measured last."""
-    return max(
-        (reading.t_s for reading in observation.ranges if reading.beam is Beam.DOWN and reading.range_m is not None),
-        default=-math.inf,
-    )
-
-
-def _metadata(info: FlightInfo, wall_ns: int, start_s: float) -> dict[str, str]:
-    return {
-        "format": str(FORMAT),
-        "settings": info.settings_yaml,
-        "navigator_rng": info.rng_state,
-        "vehicle_id": str(info.vehicle_id),
-        "versions": json.dumps(info.versions),
-        "wall_ns_at_start": str(wall_ns),
-        "clock_s_at_start": repr(start_s),
-    }

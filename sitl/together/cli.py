@@ -10,7 +10,6 @@ from typing import Annotated, Literal
 import typer
 
 from companion.errors import CompanionError
-from sitl.run_folder import new_folder
 from sitl.together.crew import Crew, FlightPlan, environment, patient
 
 
@@ -36,6 +35,9 @@ def fly(
     Leaves recording, map, logs and the truth in a folder. The exit code is 0 when the map is complete and no wall was
     touched, 1 when the flight ended otherwise, 2 for wrong input, 130 after Ctrl-C.
     """
+    # It brings the drawing library, for which the other commands of this group need not wait.
+    from sitl.run_folder import new_folder
+
     gps = "nogps" if no_gps else "gps"
     target = Path("runs") / f"{datetime.now(UTC):%Y%m%d-%H%M%S}-{personality}-{gps}" if out is None else out
     with new_folder(target):
