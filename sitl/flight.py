@@ -50,6 +50,8 @@ class Flight:
         self.fleet = Fleet(settings.fleet, vehicle_id)
         self.measurement: Measurement | None = None
         self.touched = False
+        self.blind_s = 0.0
+        """Time since all inputs were last fresh."""
         self._rig = SensorRig(
             settings.sensors,
             settings.sim.noise,
@@ -81,6 +83,7 @@ class Flight:
             true, observation.pose, measurement, self.navigator.status.mode, setpoint, self.vehicle.forward_mps
         )
         self.measurement = measurement
+        self.blind_s = self.blind_s + dt_s if measurement.missing else 0.0
         self.vehicle.command(setpoint)
         self.vehicle.step(dt_s)
         self._check_contact()

@@ -93,7 +93,7 @@ class Simulation:
         self._next_check_s = 0.0
 
     def run(self, time_limit_s: float, show: Callable[[Progress], None] | None = None) -> None:
-        """Fly until the map is complete, a vehicle touches something, or the time is up.
+        """Fly until the map is complete, a vehicle touches something or misses inputs for long, or the time is up.
 
         Args:
             time_limit_s: simulated time, in s.
@@ -113,6 +113,9 @@ class Simulation:
                 self._tick(dt_s)
                 if any(flight.touched for flight in self.flights):
                     self.ended_because = "contact"
+                elif any(flight.blind_s > self.settings.mission.input_timeout_s for flight in self.flights):
+                    # As in a real flight: over a hole without ground it would hover until something pushes it.
+                    self.ended_because = "inputs lost"
                 elif self.t_s >= time_limit_s:
                     self.ended_because = "time limit"
         except KeyboardInterrupt:

@@ -64,6 +64,7 @@ class _Px4(Personality):
         "COM_ARM_WO_GPS": 1,
         "COM_DISARM_LAND": 2.0,
         "COM_DISARM_PRFLT": 10.0,
+        "COM_DLL_EXCEPT": 0,
         "COM_LOW_BAT_ACT": 0,
         "COM_OBL_RC_ACT": 0,
         "COM_OF_LOSS_T": 1.0,

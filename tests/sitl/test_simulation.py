@@ -134,6 +134,14 @@ class TestEnd:
         assert crash.caster.distance(last)[0] <= RADIUS_M
         assert (crash.caster.distance(flight.log.positions_m) > RADIUS_M).all()
 
+    def test_inputs_lost_for_long_end_the_mission(self) -> None:
+        """As in flight. Here the ground is out of the beam's range, as over a hole: no height, no way on."""
+        beams = SETTINGS.sensors.beams.model_copy(update={"max_range_m": 1.0})
+        sensors = SETTINGS.sensors.model_copy(update={"beams": beams})
+        blind = flown(1, SETTINGS.model_copy(update={"sensors": sensors}), limit_s=60.0)
+        assert blind.ended_because == "inputs lost"
+        assert blind.t_s == pytest.approx(SETTINGS.mission.input_timeout_s, abs=0.2)
+
     def test_a_complete_map_ends_the_mission(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Protects t_f: the mission ends at the first look that finds the share, and says at which time."""
         monkeypatch.setattr(module, "COMPLETE_SHARE", 0.3)
