@@ -1,0 +1,101 @@
+"""How the application ends a flight that does not end by itself, and leaves one that may not begin."""
+
+from __future__ import annotations
+
+import json
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from sitl.together.crew import command, free_udp_ports
+from tests.integration.relay import LOOPBACK
+from tests.integration.rig import PERSONALITIES, PILOTS_MODE, Stub, process, take_over
+from tests.integration.whole import family, flown
+from tests.integration.witness import Witness, apart_m, speed_mps
+
+SPEED_MPS = 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(150)
+def test_a_pilot_who_takes_over_keeps_the_vehicle(tmp_path: Path) -> None:
+    """Protects the pilot's last word against everything that the application does when a flight ends."""
+    with flown(tmp_path, "ardupilot") as flight:
+        flight.explore_for(2.0)
+        take_over(flight.crew.control_port)
+        assert flight.exit_code() == 1
+        assert "pilot or failsafe took over" in flight.said()
+        time.sleep(1.2)
+        assert (flight.witness.mode, flight.witness.armed) == (PILOTS_MODE["ardupilot"], True)
+        assert flight.witness.pose().z_m > 1.0, "it was not landed"
+        modes = [beat.mode for beat in flight.witness.beats]
+        assert set(modes[modes.index(PILOTS_MODE["ardupilot"]) :]) == {PILOTS_MODE["ardupilot"]}
+        summary = flight.summary()
+        assert (summary["ended_because"], summary["as_it_should"]) == ("pilot or failsafe took over", False)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(150)
+def test_ctrl_c_lands_and_writes_everything(tmp_path: Path) -> None:
+    """Protects the operator's way to end a flight: an interrupt is an order to land, not the end of the program."""
+    with flown(tmp_path, "px4") as flight:
+        flight.explore_for(2.0)
+        flight.application.send_signal(signal.SIGINT)
+        assert flight.exit_code() == 130
+        flight.witness.wait("landed and disarmed", lambda: not flight.witness.armed, 3.0)
+        assert "land" in {beat.mode for beat in flight.witness.beats}
+        summary = flight.summary()
+        assert (summary["ended_because"], summary["interrupted"]) == ("stopped", True)
+        assert (summary["recording"], summary["map_problem"]) == ("whole", None)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(150)
+@pytest.mark.parametrize("personality", PERSONALITIES)
+def test_an_application_that_is_killed_leaves_a_vehicle_that_stands_still(personality: str, tmp_path: Path) -> None:
+    """Protects against the death of the application itself: --fix has told the autopilot what to do then."""
+    with flown(tmp_path, personality) as flight:
+        flight.explore_for(3.0)
+        flight.application.kill()
+        killed_s = time.monotonic()
+        assert flight.exit_code() == -signal.SIGKILL
+        time.sleep(4.0)
+        still = [pose for pose in tuple(flight.witness.poses) if pose.t_s > killed_s + 2.6]
+        assert len(still) > 20
+        assert max(map(speed_mps, still)) < SPEED_MPS
+        assert apart_m(flight.witness.pose_at(killed_s), still[-1]) < 0.9
+        assert min(pose.z_m for pose in still) > 1.0
+        assert flight.witness.mode == {"px4": "hold", "ardupilot": "guided"}[personality]
+        assert flight.crew.score()["contacts"] == 0
+        give_up_s = time.monotonic() + 10.0
+        while (left := family(flight.application.pid)) and time.monotonic() < give_up_s:
+            time.sleep(0.1)
+        assert left == [], "recorder and map do not outlive it"
+
+
+@pytest.mark.timeout(120)
+def test_a_check_that_fails_refuses_the_flight(tmp_path: Path) -> None:
+    """Protects the ground: without a camera nothing is armed, and the operator reads why."""
+    (port,) = free_udp_ports(1)
+    config, log = tmp_path / "vehicle.yaml", tmp_path / "application.log"
+    sections = {
+        "preset": "flight",
+        "autopilot": {"url": f"udpin://{LOOPBACK}:{port}"},
+        "mission": {"start": "now"},
+        "record": {"folder": str(tmp_path / "flights"), "largest_mb": 100.0},
+    }
+    config.write_text(json.dumps(sections), encoding="utf-8")
+    with (
+        Witness() as witness,
+        Stub(tmp_path, "px4", (port, witness.port)).running(),
+        process(log, [*command("run"), "--config", str(config)]) as application,
+    ):
+        assert application.wait(90.0) == 1
+        said = log.read_text(encoding="utf-8")
+        assert "FAIL  depth" in said
+        assert "not armed" in said
+        time.sleep(1.2)
+        assert not witness.ever_armed
+    assert not (tmp_path / "flights").exists(), "there was no flight to record"

@@ -1,0 +1,83 @@
+"""A link that loses packets, and one that dies and comes back."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.integration.rig import HEIGHT_M, Stage, aboard, both, fly_all, until
+from tests.integration.witness import apart_m, speed_mps
+
+SETPOINT = "SET_POSITION_TARGET_LOCAL_NED"
+LOST_SHARE = 0.05
+DEAD_S = 10.0
+
+
+@pytest.mark.timeout(120)
+def test_five_percent_of_lost_packets_do_not_end_a_flight(tmp_path: Path) -> None:
+    """Protects a flight over a radio: questions are asked again, and lost setpoints are few."""
+    with both(tmp_path, LOST_SHARE) as stages:
+        fly_all(stages, _fly_lossy)
+
+
+async def _fly_lossy(ours: Stage) -> None:
+    relay, witness = ours.relay, ours.witness
+    async with aboard(ours.port) as flight, flight.vehicle as vehicle:
+        await flight.fly()
+        assert await flight.stream(4.0, 0.4) > 50
+        assert witness.speed_at(time.monotonic() - 0.2) > 0.25, "it follows"
+        residual_s = flight.telemetry.clock_residual_s
+        assert residual_s is not None
+        assert residual_s < 0.03, "what pre-flight demands"
+        assert await vehicle.land(), "landed and disarmed, and the application knows it"
+        assert not vehicle.pilot_took_over
+    assert not witness.armed
+    for lost, passed in zip(relay.lost, relay.passed, strict=True):
+        assert 0.02 < lost / (lost + passed) < 0.09, "the link did lose"
+
+
+@pytest.mark.timeout(120)
+def test_a_link_that_dies_stops_the_vehicle_and_gives_back_only_what_is_still_ours(tmp_path: Path) -> None:
+    """Protects the ten seconds in which neither side hears the other, and the moment after.
+
+    The autopilot stops by itself. When the link is back PX4 says that its failsafe has the vehicle, and it stays there;
+    ArduPilot is still in guided, so the flight may go on.
+    """
+    with both(tmp_path) as stages:
+        fly_all(stages, _fly_through_an_outage)
+
+
+async def _fly_through_an_outage(ours: Stage) -> None:
+    personality, relay, witness = ours.personality, ours.relay, ours.witness
+    async with aboard(ours.port) as flight, flight.vehicle as vehicle:
+        await flight.fly()
+        assert await flight.stream(2.0, 0.5) > 25
+        relay.dead = True
+        died_s = time.monotonic()
+        assert witness.speed_at(died_s) > 0.3
+        await flight.stream(DEAD_S, 0.5)
+
+        assert vehicle.silent_because is not None
+        assert "no heartbeat" in vehicle.silent_because
+        assert relay.sent(SETPOINT, died_s + 4.5) == [], "who hears nothing says nothing"
+        dead = [pose for pose in tuple(witness.poses) if pose.t_s > died_s + 3.0]
+        assert max(map(speed_mps, dead)) < 0.15
+        assert apart_m(witness.pose_at(died_s), witness.pose()) < 0.9
+        assert abs(witness.pose().z_m - HEIGHT_M) < 0.5
+        assert flight.telemetry.state(flight.clock.now_s()).pose_age_s > 9.0, "and nothing old is taken for new"
+
+        relay.dead = False
+        back_s = time.monotonic()
+        await until("poses again", lambda: flight.telemetry.state(flight.clock.now_s()).pose_age_s < 0.2, 3.0)
+        sent = await flight.stream(3.0, 0.5)
+        if personality == "px4":
+            assert (vehicle.pilot_took_over, vehicle.foreign_mode) == (True, "hold")
+            assert (sent, relay.sent(SETPOINT, back_s)) == (0, [])
+            assert (witness.mode, witness.armed) == ("hold", True)
+        else:
+            assert not vehicle.pilot_took_over
+            assert sent > 15
+            assert witness.speed_at(time.monotonic() - 0.2) > 0.2
+            assert flight.telemetry.restarts == 0, "it was silent, not rebooted"
