@@ -237,6 +237,7 @@ class _Flight:
                 complete=mapper.status.complete,
                 flown_s=now_s - began_s,
                 blind_s=now_s - pilot.fresh_s,
+                map_silent_s=mapper.status.age_s,
                 battery_silent_s=0.0 if battery_s is None else now_s - battery_s,
             )
             why = ending(standing, self._settings.mission)

@@ -11,6 +11,9 @@ from companion.config.mission import MissionSettings
 BATTERY_SILENT_S = 30.0
 """A battery that was known and has not been for this long may be empty."""
 
+MAP_SILENT_S = 60.0
+"""A map that says nothing for this long will not come back by itself; it is what the flight is for."""
+
 HEARTBEAT_LOST_S = 3.0
 """Three heartbeats of the autopilot missed: it no longer hears us either, as far as we know."""
 
@@ -27,6 +30,8 @@ class Ending(enum.StrEnum):
     DISARMED = "disarmed in flight"
     LINK = "autopilot lost"
     BATTERY = "battery low"
+    MAP = "map lost"
+    """Its process hangs, or died more often than it is started again."""
     INPUTS = "inputs lost"
     """No fresh inputs for longer than ``mission.input_timeout_s``."""
     TIME = "time limit"
@@ -49,6 +54,7 @@ class Standing:
         flown_s: time since the take-off.
         blind_s: time since inputs were last fresh.
         battery_silent_s: time since the battery's charge was last known; 0 when it never was.
+        map_silent_s: time since the process of the map was last heard.
     """
 
     vehicle: VehicleState
@@ -58,6 +64,7 @@ class Standing:
     flown_s: float
     blind_s: float
     battery_silent_s: float
+    map_silent_s: float
 
 
 def ending(now: Standing, settings: MissionSettings) -> Ending | None:
@@ -71,6 +78,7 @@ def ending(now: Standing, settings: MissionSettings) -> Ending | None:
         (Ending.BATTERY, battery is not None and battery < settings.battery_low_percent),
         (Ending.BATTERY, now.battery_silent_s > BATTERY_SILENT_S),
         (Ending.INPUTS, now.blind_s > settings.input_timeout_s),
+        (Ending.MAP, now.map_silent_s > MAP_SILENT_S),
         (Ending.STOPPED, now.stop_asked),
         (Ending.COMPLETE, now.complete),
         (Ending.TIME, now.flown_s > settings.time_limit_s),

@@ -47,6 +47,7 @@ def test_a_flight_on_which_all_is_well_goes_on() -> None:
         (standing({"battery_percent": 24.0}), Ending.BATTERY),
         (standing({"battery_percent": None}, battery_silent_s=30.5), Ending.BATTERY),
         (standing(blind_s=10.5), Ending.INPUTS),
+        (standing(map_silent_s=61.0), Ending.MAP),
         (standing(stop_asked=True), Ending.STOPPED),
         (standing(complete=True), Ending.COMPLETE),
         (standing(flown_s=1200.5), Ending.TIME),
