@@ -29,7 +29,14 @@ def standing(vehicle: dict[str, Any] | None = None, **changes: Any) -> Standing:
     )
     state = replace(state, **(vehicle or {}))
     well = Standing(
-        state, pilot_took_over=False, stop_asked=False, complete=False, flown_s=10.0, blind_s=0.0, battery_silent_s=0.0
+        state,
+        pilot_took_over=False,
+        stop_asked=False,
+        complete=False,
+        flown_s=10.0,
+        blind_s=0.0,
+        battery_silent_s=0.0,
+        map_silent_s=0.5,
     )
     return replace(well, **changes)
 
