@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from companion.model import HIT, UNKNOWN, FloatArray, Pose, Scan
+from companion.model import ABSURD, HIT, UNKNOWN, FloatArray, Pose, Scan
 
 CELL_M = 0.1
 """One point a cell is kept, the newest: the memory is bounded however long the flight."""
@@ -86,6 +86,9 @@ def _remember(
             continue
         x = x_m + ranges[i] * np.cos(yaw_rad + bearings[i])
         y = y_m + ranges[i] * np.sin(yaw_rad + bearings[i])
+        # A reading taken while the pose was no number has no place; kept, its NaN would become an index.
+        if not (abs(x) < ABSURD and abs(y) < ABSURD):
+            continue
         row = int(np.floor(y / CELL_M)) % CELLS
         column = int(np.floor(x / CELL_M)) % CELLS
         points[row, column, 0] = x

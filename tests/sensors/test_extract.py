@@ -289,6 +289,15 @@ class TestPose:
         assert "pose" in measured.missing
         assert_finite(measured)
 
+    def test_a_beam_read_while_the_pose_was_no_number_is_not_remembered(self) -> None:
+        """Its place would be a NaN, and the NaN the index of an array: the process died of it."""
+        extract = extractor()
+        beside = {**DOWN, Beam.LEFT: 1.0}
+        extract.measure(observed(replace(AT_START, x_m=NAN), OPEN, beside))
+        after = extract.measure(observed(replace(AT_START, t_s=SOON_S), OPEN, DOWN))
+        assert_finite(after)
+        assert after.missing == ()
+
     def test_a_computer_that_has_been_on_for_weeks_flies(self) -> None:
         """Times count from its start: after 12 days they pass a million seconds."""
         late = extractor().measure(observed(replace(AT_START, t_s=2e6), OPEN, DOWN))
