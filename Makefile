@@ -1,6 +1,6 @@
 # Every target prepares what it needs, on a machine where nothing but Python 3.11 or newer is installed.
 .DEFAULT_GOAL := help
-.PHONY: help setup explore fly test check-docker format
+.PHONY: help setup explore fly test test-flights check-docker format
 
 # A shell prepared for ROS or conda would bring its own packages along.
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
@@ -21,6 +21,9 @@ fly: setup ## fly over MAVLink in real time: stub autopilot, world and applicati
 
 test: setup ## format, lint, types, import contracts and tests; options for pytest: ARGS="-k config"
 	@scripts/check $(ARGS)
+
+test-flights: setup ## more whole flights over MAVLink, which `make test` leaves out for time
+	@.venv/bin/pytest -n 2 -m flight tests/integration $(ARGS)
 
 check-docker: setup ## lint docker/; ARGS=--run also carries out its RUNs in a clean Debian, as root
 	@scripts/check-docker $(ARGS)

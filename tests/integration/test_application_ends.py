@@ -36,7 +36,7 @@ def test_a_pilot_who_takes_over_keeps_the_vehicle(tmp_path: Path) -> None:
         assert (summary["ended_because"], summary["as_it_should"]) == ("pilot or failsafe took over", False)
 
 
-@pytest.mark.slow
+@pytest.mark.flight
 @pytest.mark.timeout(150)
 def test_ctrl_c_lands_and_writes_everything(tmp_path: Path) -> None:
     """Protects the operator's way to end a flight: an interrupt is an order to land, not the end of the program."""
@@ -51,7 +51,7 @@ def test_ctrl_c_lands_and_writes_everything(tmp_path: Path) -> None:
         assert (summary["recording"], summary["map_problem"]) == ("whole", None)
 
 
-@pytest.mark.slow
+@pytest.mark.flight
 @pytest.mark.timeout(150)
 @pytest.mark.parametrize("personality", PERSONALITIES)
 def test_an_application_that_is_killed_leaves_a_vehicle_that_stands_still(personality: str, tmp_path: Path) -> None:

@@ -15,7 +15,15 @@ CRITICAL_M = Settings().control.critical_margin_m
 
 @pytest.mark.slow
 @pytest.mark.timeout(200)
-@pytest.mark.parametrize(("personality", "gps"), [("px4", True), ("ardupilot", False)], ids=["px4", "ardupilot-no-gps"])
+@pytest.mark.parametrize(
+    ("personality", "gps"),
+    [
+        pytest.param("px4", True, id="px4"),
+        pytest.param("px4", False, id="px4-no-gps", marks=pytest.mark.flight),
+        pytest.param("ardupilot", True, id="ardupilot", marks=pytest.mark.flight),
+        pytest.param("ardupilot", False, id="ardupilot-no-gps", marks=pytest.mark.flight),
+    ],
+)
 def test_it_explores_a_room_to_completion_and_lands(personality: str, gps: bool, tmp_path: Path) -> None:
     """Protects the whole: what flies here is what is installed, started by its own commands, in real time."""
     with flown(tmp_path, personality, gps) as flight:
