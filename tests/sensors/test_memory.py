@@ -238,9 +238,11 @@ def test_without_age_nothing_is_remembered() -> None:
 
 
 def fresh(bearing_rad: float, state: np.uint8, range_m: float) -> Scan:
+    """A look at that bearing and the two beside it."""
     scan = nothing_known()
     b = int((bearing_rad + math.pi) / (2.0 * math.pi) * BINS)
-    scan.state[b], scan.ranges_m[b], scan.fresh[b] = state, range_m, True
+    near = slice(b - 1, b + 2)
+    scan.state[near], scan.ranges_m[near], scan.fresh[near] = state, range_m, True
     return scan
 
 
@@ -261,6 +263,23 @@ def test_a_look_that_sees_through_a_point_forgets_it(state: np.uint8, range_m: f
     scan = fresh(0.5, state, range_m)
     there.recall(scan, at(0.0, 0.0), 0.0)
     assert (recalled(there, at(0.0, 0.0)).state == HIT).any() == kept
+
+
+@pytest.mark.parametrize("beside", [-1, 0, 1])
+@pytest.mark.parametrize("dark", [True, False])
+def test_a_thin_pillar_is_not_forgotten_for_a_look_past_it(beside: int, dark: bool) -> None:
+    """Its pose is known to a fraction of a degree: what fell into one bearing is seen in the next one then.
+
+    A flight along an uneven wall forgot a thin rib that it had seen a second before, and flew into it.
+    """
+    there = memory()
+    remember(there, at(0.0, 0.0), 0.5, 2.0)
+    scan = fresh(0.5, CLEAR, 10.0)
+    b = int((0.5 + math.pi) / (2.0 * math.pi) * BINS) + beside
+    scan.state[b], scan.ranges_m[b] = (UNKNOWN, 0.0) if dark else (HIT, 2.0)
+    there.recall(scan, at(0.0, 0.0), 0.0)
+    assert np.min(scan.ranges_m[scan.state == HIT]) == pytest.approx(2.0)
+    assert (recalled(there, at(0.0, 0.0)).state == HIT).any()
 
 
 @pytest.mark.parametrize("range_m", [1.0, 3.0, 4.5])
