@@ -136,7 +136,6 @@ class Announcements:
         if tick.mode is not self._mode and not tick.missing:
             self._mode = tick.mode
             self._announcer.say(_MEANING[tick.mode])
-            self._recorder.event("mode", _MEANING[tick.mode])
         if self._began_s is None:
             self._began_s = tick.t_s
         if tick.t_s >= self._next_line_s:

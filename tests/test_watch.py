@@ -113,7 +113,6 @@ def test_a_change_of_mode_is_told_once() -> None:
         stand.tick(mode=Mode.TANGENT)
     modes = [text for text in stand.texts() if text.startswith("R")]
     assert modes == ["R3 along the wall", "R2 along tangent"]
-    assert [text for name, text, _ in stand.notes.events if name == "mode"] == modes
 
 
 def test_a_stop_says_why_and_that_it_is_over() -> None:
