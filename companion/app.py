@@ -22,14 +22,14 @@ from companion.clock import MonotonicClock
 from companion.config.settings import Settings
 from companion.config.show import dump_yaml
 from companion.ending import Ending, Standing, ending
-from companion.errors import CompanionError, InputError
+from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
 from companion.explorer import Explorer
 from companion.mapping.map_status import MapError
 from companion.mapping.worker import MapWorker
 from companion.orders import Orders
 from companion.pace import Pace
 from companion.pilot import Pilot
-from companion.ready import Options, checked, passed
+from companion.ready import LOOK_PERIOD_S, Options, checked, passed
 from companion.recording import FlightInfo, Recorder
 from companion.recording.content import ENDED
 from companion.session import Session, open_session
@@ -39,14 +39,11 @@ from companion.watch import Announcements, MapFeed, Recording, Say
 CHECKS_HOLD_S = 30.0
 """A start that comes later than this finds the vehicle checked anew: a battery empties, a sensor falls silent."""
 
-LOOK_PERIOD_S = 0.2
-"""How often it is asked whether the flight goes on."""
-
 
 class InterruptedFlightError(CompanionError):
     """Ctrl-C, or the end of the service, before the vehicle explored."""
 
-    exit_code = 130
+    exit_code = EXIT_INTERRUPTED
 
 
 async def check(settings: Settings, options: Options, say: Say) -> list[CheckResult]:
@@ -156,7 +153,7 @@ class _Flight:
             settings.sensors.camera.model(),
             settings.control,
             folder,
-            half_slab_m=settings.vehicle.body_height_m / 2.0 + settings.sensors.scan.slab_margin_m,
+            half_slab_m=settings.half_slab_m,
             max_slope=settings.sensors.scan.max_ground_slope,
             clock=self._session.clock,
         )

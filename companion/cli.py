@@ -19,11 +19,10 @@ from typing import Annotated
 import typer
 
 from companion import flight_commands
-from companion.errors import CompanionError
+from companion.errors import EXIT_INTERRUPTED, CompanionError
 
 DISTRIBUTION = "mine-companion"
 COMMANDS_GROUP = "companion.commands"
-EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells do
 
 ConfigFile = Annotated[
     Path | None, typer.Option("--config", metavar="FILE", help="YAML file with settings, see `companion config`.")

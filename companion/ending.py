@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
+from companion.autopilot.helm import HEARTBEAT_LOST_S
 from companion.autopilot.vehicle_state import VehicleState
 from companion.config.mission import MissionSettings
 
@@ -13,9 +14,6 @@ BATTERY_SILENT_S = 30.0
 
 MAP_SILENT_S = 60.0
 """A map that says nothing for this long will not come back by itself; it is what the flight is for."""
-
-HEARTBEAT_LOST_S = 3.0
-"""Three heartbeats of the autopilot missed: it no longer hears us either, as far as we know."""
 
 
 class Ending(enum.StrEnum):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+EXIT_INTERRUPTED = 130
+"""After Ctrl-C: 128 + SIGINT, as shells do."""
+
 
 class CompanionError(Exception):
     """Base of every error that ends a command with one message instead of a traceback."""

@@ -14,9 +14,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from companion.errors import CompanionError
-
-EXIT_INTERRUPTED = 130
+from companion.errors import EXIT_INTERRUPTED, CompanionError
 
 Config = Annotated[Path | None, typer.Option("--config", metavar="FILE", help="YAML file that describes the vehicle.")]
 Preset = Annotated[

@@ -50,6 +50,17 @@ class Beam(enum.StrEnum):
     UP = "up"
 
 
+BEAM_AXES = {
+    Beam.FRONT: (1.0, 0.0, 0.0),
+    Beam.LEFT: (0.0, 1.0, 0.0),
+    Beam.BACK: (-1.0, 0.0, 0.0),
+    Beam.RIGHT: (0.0, -1.0, 0.0),
+    Beam.DOWN: (0.0, 0.0, -1.0),
+    Beam.UP: (0.0, 0.0, 1.0),
+}
+"""Where each beam looks: a unit vector in the body frame."""
+
+
 @dataclass(frozen=True, slots=True)
 class Pose:
     """Where the vehicle is and how it moves, estimated or true, at time ``t_s``.

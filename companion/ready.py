@@ -22,6 +22,7 @@ SETTLE_S = 3.0
 """Rates are measured over this time before they are judged."""
 
 LOOK_PERIOD_S = 0.2
+"""How often it is asked whether something has come about."""
 
 
 class FlightRefusedError(CompanionError):
@@ -85,10 +86,11 @@ async def checked(session: Session, options: Options, say: Say) -> list[CheckRes
 async def _until_position(session: Session, say: Say) -> None:
     """An autopilot that has just been switched on needs up to a minute: what it lacks then is no failure yet."""
     say("connected; listening to the autopilot and the sensors")
-    give_up_s = session.clock.now_s() + session.settings.autopilot.ready_timeout_s
+    clock, timeout_s = session.clock, session.settings.autopilot.ready_timeout_s
+    began_s = clock.now_s()
     told = False
-    while not session.telemetry.state(session.clock.now_s()).position_valid and session.clock.now_s() < give_up_s:
-        if not told and session.clock.now_s() > give_up_s - session.settings.autopilot.ready_timeout_s + SETTLE_S:
+    while not session.telemetry.state(clock.now_s()).position_valid and clock.now_s() < began_s + timeout_s:
+        if not told and clock.now_s() > began_s + SETTLE_S:
             told = True
-            say(f"waiting for the autopilot's position, up to {session.settings.autopilot.ready_timeout_s:g} s")
+            say(f"waiting for the autopilot's position, up to {timeout_s:g} s")
         await asyncio.sleep(LOOK_PERIOD_S)

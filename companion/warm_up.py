@@ -25,7 +25,7 @@ from companion.geometry import rotation
 from companion.mapping import VoxelMap
 from companion.mapping.files import write_map
 from companion.mapping.frontier import Reach, survey
-from companion.model import Beam, Camera, DepthFrame, Observation, Pose, RangeReading, Scan, Setpoint, wrap_rad
+from companion.model import BEAM_AXES, Camera, DepthFrame, Observation, Pose, RangeReading, Scan, Setpoint, wrap_rad
 
 FLIGHT_S = 150.0
 WARM_S = 2.0
@@ -36,15 +36,6 @@ FLOOR_M, ROOF_M = 0.0, 3.0
 CORNERS = (
     (2, -12), (2, -2), (12, -2), (12, 2), (2, 2), (2, 12), (-2, 12), (-2, 2), (-12, 2), (-12, -2), (-2, -2), (-2, -12),
 )  # fmt: skip
-AXES = {
-    Beam.FRONT: (1.0, 0.0, 0.0),
-    Beam.LEFT: (0.0, 1.0, 0.0),
-    Beam.BACK: (-1.0, 0.0, 0.0),
-    Beam.RIGHT: (0.0, -1.0, 0.0),
-    Beam.DOWN: (0.0, 0.0, -1.0),
-    Beam.UP: (0.0, 0.0, 1.0),
-}
-
 Floats = NDArray[np.float64]
 
 
@@ -82,7 +73,7 @@ class Eyes:
 
     def ranges(self, pose: Pose) -> tuple[RangeReading, ...]:
         """One reading of each beam."""
-        axes = np.array([AXES[beam] for beam in self._beams.directions])
+        axes = np.array([BEAM_AXES[beam] for beam in self._beams.directions])
         ranges_m = distances_m(place(pose), axes @ rotation(pose.yaw_rad, 0.0, 0.0).T)
         limit_m = self._beams.max_range_m
         return tuple(
@@ -169,9 +160,8 @@ def warm_up(settings: Settings) -> None:
 def reach(settings: Settings) -> Reach:
     """Where the vehicle can be, as the process of the map is told."""
     scan = settings.sensors.scan
-    half_slab_m = settings.vehicle.body_height_m / 2.0 + scan.slab_margin_m
     camera = settings.sensors.camera.model()
-    return Reach.of(settings.mapping, camera, settings.control, half_slab_m, scan.max_ground_slope)
+    return Reach.of(settings.mapping, camera, settings.control, settings.half_slab_m, scan.max_ground_slope)
 
 
 def main() -> None:

@@ -125,7 +125,7 @@ class Announcements:
 
     def __call__(self, tick: TickRecord) -> None:
         """Note what a pilot must know of this tick."""
-        self._relay_texts(tick.t_s)
+        self._relay_texts()
         measurement = tick.measurement
         self._announcer.value("d", None if measurement is None else measurement.d_m)
         self._announcer.value("h", None if measurement is None else measurement.h_m)
@@ -142,9 +142,9 @@ class Announcements:
             self._next_line_s = tick.t_s + LINE_PERIOD_S
             self._say(self._line(tick, tick.t_s - self._began_s))
 
-    def _relay_texts(self, t_s: float) -> None:
+    def _relay_texts(self) -> None:
         """What the autopilot says to its pilot concerns whoever reads our output as well."""
-        texts = self._telemetry.state(t_s).texts
+        texts = self._telemetry.texts
         for text in texts:
             if text.received_s > self._texts_until_s:
                 self._say(f"autopilot: {text.text}")

@@ -9,13 +9,11 @@ import typer
 from rich.console import Console
 
 from companion.config.load import load
-from companion.errors import CompanionError, InputError
+from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
 from sitl.display import Display, clock
 from sitl.run_folder import default_folder, new_folder, write_run
 from sitl.simulation import Simulation
 from sitl.worlds import load_world
-
-EXIT_INTERRUPTED = 130
 
 
 class MissionFailedError(CompanionError):

@@ -13,18 +13,9 @@ from numpy.typing import NDArray
 from companion.config.sensors import SensorSettings
 from companion.config.sim import NoiseSettings
 from companion.geometry import rotation
-from companion.model import Beam, DepthFrame, Observation, PlanarScan, Pose, RangeReading, wrap_rad
+from companion.model import BEAM_AXES, DepthFrame, Observation, PlanarScan, Pose, RangeReading, wrap_rad
 from sitl.raycast import RayCaster
 from sitl.render import DepthRenderer
-
-_AXES = {
-    Beam.FRONT: (1.0, 0.0, 0.0),
-    Beam.LEFT: (0.0, 1.0, 0.0),
-    Beam.BACK: (-1.0, 0.0, 0.0),
-    Beam.RIGHT: (0.0, -1.0, 0.0),
-    Beam.DOWN: (0.0, 0.0, -1.0),
-    Beam.UP: (0.0, 0.0, 1.0),
-}
 
 DRIFT_TURNS_M = 20.0
 """Way after which the drift of the estimated position has found a new direction."""
@@ -102,7 +93,7 @@ class SensorRig:
         self._next_ranges_s = 0.0
         self._next_planar_s = 0.0
         self._in_flight: deque[tuple[float, DepthFrame]] = deque(maxlen=64)
-        self._axes = np.array([_AXES[beam] for beam in settings.beams.directions])
+        self._axes = np.array([BEAM_AXES[beam] for beam in settings.beams.directions])
         self._planar_rad = -math.pi + (np.arange(settings.planar.rays) + 0.5) * 2.0 * math.pi / settings.planar.rays
 
     def observe(self, true: Pose) -> Observation:

@@ -170,8 +170,7 @@ class Commander:
 
     def failure(self, what: str, since_s: float) -> FlightError:
         """An error with everything that the autopilot has said since then."""
-        texts = self._telemetry.state(self.clock.now_s()).texts
-        said = dict.fromkeys(text.text.strip("\0 ") for text in texts if text.received_s >= since_s)
+        said = dict.fromkeys(text.text.strip("\0 ") for text in self._telemetry.texts if text.received_s >= since_s)
         return FlightError(f"{what}. The autopilot said: {'; '.join(said) or 'nothing'}")
 
     def _on_heartbeat(self, message: Message) -> None:

@@ -19,6 +19,7 @@ VELOCITY_AND_YAW_RATE = 0x5C7
 FAILSAFE_SHOWS_S = 0.3
 """A failsafe acts up to 0.12 s after its time limit; only a heartbeat from after that can tell."""
 HEARTBEAT_LOST_S = 3.0
+"""Three heartbeats of the autopilot missed: it no longer hears us either, as far as we know."""
 STREAM_BEFORE_S = 0.6
 """PX4 takes the mode only when setpoints have been coming for a while."""
 

@@ -7,7 +7,7 @@ import math
 from collections import deque
 
 from companion.autopilot import vehicle_state
-from companion.autopilot.personality import mode_name
+from companion.autopilot.personality import ARMED_FLAG, mode_name
 from companion.autopilot.rates import ESTIMATOR, Rates, wanted_hz
 from companion.autopilot.vehicle_state import StatusText, VehicleState, integer, number
 from companion.autopilot.wire import AUTOPILOT_COMPONENT, Link, Message, Stream, printable
@@ -36,7 +36,6 @@ LEAP_M = 0.5
 """A position that is this far from where the last one and its velocity lead was set anew by the estimator."""
 REQUEST_MESSAGE = 512
 AUTOPILOT_VERSION_ID = 148
-ARMED_FLAG = 128
 NANOSECONDS = 1e-9
 
 

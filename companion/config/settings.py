@@ -31,6 +31,11 @@ class Settings(Section):
     record: RecordSettings = Field(RecordSettings(), description="the flight recording")
     sim: SimSettings = Field(SimSettings(), description="the simulated vehicle and its imperfect sensors")
 
+    @property
+    def half_slab_m(self) -> float:
+        """What is this much above or below the middle of the body is in its way, in m."""
+        return self.vehicle.body_height_m / 2.0 + self.sensors.scan.slab_margin_m
+
     @model_validator(mode="after")
     def _body_inside_critical_margin(self) -> Self:
         if self.vehicle.body_radius_m >= self.control.critical_margin_m:
@@ -45,7 +50,7 @@ class Settings(Section):
 
     @model_validator(mode="after")
     def _slab_above_ground(self) -> Self:
-        half_m = self.vehicle.body_height_m / 2.0 + self.sensors.scan.slab_margin_m
+        half_m = self.half_slab_m
         if half_m >= self.control.height_m:
             raise refuse(
                 f"control.height_m = {self.control.height_m:g} m (H) must be greater than half of "

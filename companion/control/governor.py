@@ -20,7 +20,8 @@ def braking_speed_mps(room_m: float, reaction_s: float, brake_mps2: float) -> fl
     if room_m <= 0.0:
         return 0.0
     delay = reaction_s * brake_mps2
-    return math.sqrt(delay * delay + 2.0 * brake_mps2 * room_m) - delay
+    # Rounding can put the root of next to nothing below the delay.
+    return max(0.0, math.sqrt(delay * delay + 2.0 * brake_mps2 * room_m) - delay)
 
 
 @njit(cache=True, nogil=True)

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from companion.clock import MonotonicClock
 from companion.config.load import load
-from companion.errors import CompanionError, InputError
+from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
 from sitl.beside.odometry import Align, OdometrySettings
 from sitl.beside.outgoing import Feed
 from sitl.beside.place import Scene
@@ -22,7 +22,6 @@ from sitl.beside.serving import INTERRUPTED
 from sitl.beside.truth_messages import TruthKind
 from sitl.beside.wire import TruthUrl
 
-EXIT_INTERRUPTED = 130
 SEVERAL = "side by side, as `companion sim --vehicles` starts them"
 
 

@@ -39,13 +39,13 @@ def signals_call(stop: Callable[[str], None]) -> Iterator[None]:
     """Ctrl-C and SIGTERM call ``stop`` with the reason, so that everything ends in good order."""
     loop = asyncio.get_running_loop()
     reasons = {signal.SIGINT: INTERRUPTED, signal.SIGTERM: TERMINATED}
-    # Not in the main thread of a program, or not on this system: then whoever runs it stops it.
-    with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
+    # Not in the main thread of a program: then whoever runs it stops it.
+    with contextlib.suppress(RuntimeError, ValueError):
         for number, reason in reasons.items():
             loop.add_signal_handler(number, stop, reason)
     try:
         yield
     finally:
         for number in reasons:
-            with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
+            with contextlib.suppress(RuntimeError, ValueError):
                 loop.remove_signal_handler(number)

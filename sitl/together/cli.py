@@ -42,7 +42,6 @@ def fly(
     target = Path("runs") / f"{datetime.now(UTC):%Y%m%d-%H%M%S}-{personality}-{gps}" if out is None else out
     with new_folder(target):
         pass
-    target.mkdir(parents=True, exist_ok=True)
     plan = FlightPlan(
         folder=target,
         personality=personality,

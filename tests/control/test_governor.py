@@ -72,6 +72,7 @@ def test_without_room_the_braking_speed_is_zero(room_m: float, reaction_s: float
 @given(room_m=st.floats(0.0, 1e300), reaction_s=reactions, brake_mps2=brakes)
 def test_the_braking_speed_is_a_speed(room_m: float, reaction_s: float, brake_mps2: float) -> None:
     """Finite and not negative for every room there could be; nothing ahead at all gives no bound."""
+    assert braking_speed_mps(5e-324, 2.2e-180, 0.25) == 0.0, "found by a search: it was below zero"
     assert 0.0 <= braking_speed_mps(room_m, reaction_s, brake_mps2) < math.inf
     assert braking_speed_mps(math.inf, reaction_s, brake_mps2) == math.inf
 
