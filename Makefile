@@ -1,6 +1,6 @@
 # Every target prepares what it needs, on a machine where nothing but Python 3.11 or newer is installed.
 .DEFAULT_GOAL := help
-.PHONY: help setup explore fly test test-flights check-docker format
+.PHONY: help setup explore fly test test-flights test-safety check-docker format
 
 # A shell prepared for ROS or conda would bring its own packages along.
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
@@ -24,6 +24,9 @@ test: setup ## format, lint, types, import contracts and tests; options for pyte
 
 test-flights: setup ## more whole flights over MAVLink, which `make test` leaves out for time
 	@.venv/bin/pytest -n 2 -m flight tests/integration $(ARGS)
+
+test-safety: setup ## the fault matrix: each fault in a flight towards a wall; options: ARGS="--help"
+	@.venv/bin/python -m tests.safety.matrix $(ARGS)
 
 check-docker: setup ## lint docker/; ARGS=--run also carries out its RUNs in a clean Debian, as root
 	@scripts/check-docker $(ARGS)

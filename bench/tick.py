@@ -36,7 +36,7 @@ def observations(settings: Settings, ticks: int) -> list[Observation]:
     vehicle = Vehicle(settings.sim.dynamics, start, rng)
     renderer = DepthRenderer(world, settings.sensors.camera.model())
     rig = SensorRig(settings.sensors, settings.sim.noise, caster, renderer, rng)
-    extractor = Extractor(settings.sensors, settings.vehicle.body_height_m)
+    extractor = Extractor(settings.sensors, settings.vehicle)
     navigator = Navigator(law_parameters(settings), rng)
     seen = []
     for _ in range(ticks):
@@ -54,7 +54,7 @@ def cost(width_px: int, height_px: int) -> Row:
     camera = settings.sensors.camera.model_copy(update={"width_px": width_px, "height_px": height_px})
     settings = settings.model_copy(update={"sensors": settings.sensors.model_copy(update={"camera": camera})})
     seen = observations(settings, TICKS if width_px < 640 else TICKS // 4)
-    extractor = Extractor(settings.sensors, settings.vehicle.body_height_m)
+    extractor = Extractor(settings.sensors, settings.vehicle)
     navigator = Navigator(law_parameters(settings), np.random.default_rng(1))
     every, with_frame = [], []
     for observation in seen:

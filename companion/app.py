@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-from collections.abc import Coroutine
 from contextlib import AsyncExitStack, nullcontext
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -21,15 +20,18 @@ from companion.background import background
 from companion.clock import MonotonicClock
 from companion.config.settings import Settings
 from companion.config.show import dump_yaml
-from companion.ending import Ending, Standing, ending
-from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
+from companion.ending import Ending
+from companion.errors import InputError
 from companion.explorer import Explorer
+from companion.gate_link import GateLink
+from companion.gate_talk import GateTalk
+from companion.in_the_air import InTheAir
 from companion.mapping.map_status import MapError
 from companion.mapping.worker import MapWorker
-from companion.orders import Orders
+from companion.orders import InterruptedFlightError, Orders
 from companion.pace import Pace
 from companion.pilot import Pilot
-from companion.ready import LOOK_PERIOD_S, Options, checked, passed
+from companion.ready import Options, checked, passed
 from companion.recording import FlightInfo, Recorder
 from companion.recording.content import ENDED
 from companion.session import Session, open_session
@@ -40,20 +42,15 @@ CHECKS_HOLD_S = 30.0
 """A start that comes later than this finds the vehicle checked anew: a battery empties, a sensor falls silent."""
 
 
-class InterruptedFlightError(CompanionError):
-    """Ctrl-C, or the end of the service, before the vehicle explored."""
-
-    exit_code = EXIT_INTERRUPTED
-
-
-async def check(settings: Settings, options: Options, say: Say) -> list[CheckResult]:
+async def check(settings: Settings, options: Options, gate: GateLink, say: Say) -> list[CheckResult]:
     """Connect, listen for a moment and run the pre-flight checks. Nothing is armed."""
     _load(settings, say)
-    async with open_session(settings, MonotonicClock()) as session:
+    clock = MonotonicClock()
+    async with open_session(settings, clock, GateTalk(gate, clock, say)) as session:
         return await checked(session, options, say)
 
 
-async def fly(settings: Settings, options: Options, say: Say) -> dict[str, Any]:
+async def fly(settings: Settings, options: Options, gate: GateLink, say: Say) -> dict[str, Any]:
     """One flight: checks, start, take-off, exploring, and the end as configured.
 
     Whatever happens in it, the vehicle is left holding or landing, or in its pilot's hands.
@@ -61,6 +58,7 @@ async def fly(settings: Settings, options: Options, say: Say) -> dict[str, Any]:
     Args:
         settings: the whole configuration.
         options: what the command line adds.
+        gate: the safety gate, through which everything goes to the autopilot.
         say: shows a line to the operator.
 
     Returns:
@@ -75,7 +73,8 @@ async def fly(settings: Settings, options: Options, say: Say) -> dict[str, Any]:
     _load(settings, say)
     with orders.signals():
         try:
-            async with open_session(settings, MonotonicClock()) as session:
+            clock = MonotonicClock()
+            async with open_session(settings, clock, GateTalk(gate, clock, say)) as session:
                 orders.listen(session.link)
                 announcer = Announcer(session.link, session.clock)
                 async with background(announcer.run()):
@@ -104,9 +103,9 @@ class _Flight:
         self._options = options
         self._orders = orders
         self._announcer = announcer
+        self._gate = session.gate
         self._seed = drawn if options.seed is None else options.seed
         self._say = say
-        self._explored_s: tuple[float, float] | None = None
 
     async def run(self, results: list[CheckResult]) -> dict[str, Any]:
         settings, session = self._settings, self._session
@@ -117,8 +116,10 @@ class _Flight:
         explorer = Explorer(settings, rng)
         async with AsyncExitStack() as stack:
             recorder = stack.enter_context(Recorder(folder / "flight.mcap", settings.record, info, session.clock))
+            self._gate.recorder = recorder
             self._say("starting the map (the first start on a computer compiles it, about a minute)")
             mapper = await stack.enter_async_context(self._mapper(folder))
+            self._gate.has_map(lambda: mapper.status.age_s)
             announcements = Announcements(self._announcer, session.telemetry, mapper, recorder, self._say)
             announcements.checks(results)
             results = await self._wait_for_start(announcements, results)
@@ -129,16 +130,19 @@ class _Flight:
                 Pace(session.clock, settings.control.period_s),
                 vehicle,
                 (Recording(recorder, explorer.navigator), MapFeed(mapper), announcements),
+                self._gate,
             )
+            in_the_air = InTheAir(session, self._orders, vehicle, pilot, mapper, announcements)
             broke_off: Exception | None = None
             try:
-                why: str = (await self._in_the_air(vehicle, pilot, mapper, announcements)).value
+                why: str = (await in_the_air.run()).value
             except Exception as error:  # noqa: BLE001 - it is raised again, when nothing is lost any more
                 # The vehicle holds or lands by now; what was flown for must not be lost with the flight.
                 broke_off, why = error, f"broke off: {error}"
                 recorder.event(ENDED, why, logging.ERROR)
             files, problem = await self._save(mapper)
-            summary = self._summary(why, results, mapper, recorder) | {"map_problem": problem}
+            explored = {"explored_s": round(in_the_air.explored_s, 1), "map_problem": problem}
+            summary = self._summary(why, results, mapper, recorder) | explored
         text = json.dumps(summary, indent=2) + "\n"
         (folder / "summary.json").write_text(text, encoding="utf-8")
         self._say(f"{why}: {len(files)} map files and the recording are in {folder}")
@@ -184,67 +188,8 @@ class _Flight:
             announcements.checks(results)
         return results
 
-    async def _in_the_air(
-        self, vehicle: Vehicle, pilot: Pilot, mapper: MapWorker, announcements: Announcements
-    ) -> Ending:
-        """Take off, explore, end. Leaving the vehicle's context leaves it holding or landing, whatever happened."""
-        settings = self._settings
-        self._orders.in_the_air = True
-        async with background(pilot.run()), vehicle:
-            announcements.phase("taking off")
-            await self._unless_stopped(vehicle.take_off(settings.control.height_m, pilot.measured_height_m))
-            await self._unless_stopped(vehicle.engage())
-            began_s = self._session.clock.now_s()
-            pilot.fresh_s = began_s
-            pilot.exploring = True
-            announcements.phase("exploring")
-            why = await self._until_the_end(vehicle, pilot, mapper, began_s)
-            pilot.exploring = False
-            self._explored_s = (began_s, self._session.clock.now_s())
-            announcements.ended(why, vehicle.foreign_mode or "")
-            if why not in (Ending.PILOT, Ending.DISARMED):
-                await (vehicle.land() if settings.mission.end_action == "land" else vehicle.hold())
-        return why
-
-    async def _unless_stopped(self, manoeuvre: Coroutine[Any, Any, None]) -> None:
-        """Run a manoeuvre; a person's stop breaks it off."""
-        task = asyncio.ensure_future(manoeuvre)
-        stop = asyncio.ensure_future(self._orders.stop.wait())
-        try:
-            await asyncio.wait((task, stop), return_when=asyncio.FIRST_COMPLETED)
-            if not task.done():
-                raise InterruptedFlightError("stopped during the take-off; the vehicle holds or lands")
-            task.result()
-        finally:
-            task.cancel()
-            stop.cancel()
-
-    async def _until_the_end(self, vehicle: Vehicle, pilot: Pilot, mapper: MapWorker, began_s: float) -> Ending:
-        session = self._session
-        battery_s: float | None = None
-        while True:
-            now_s = session.clock.now_s()
-            state = session.telemetry.state(now_s)
-            if state.battery_percent is not None:
-                battery_s = now_s
-            standing = Standing(
-                vehicle=state,
-                pilot_took_over=vehicle.pilot_took_over,
-                stop_asked=self._orders.stop.is_set(),
-                complete=mapper.status.complete,
-                flown_s=now_s - began_s,
-                blind_s=now_s - pilot.fresh_s,
-                map_silent_s=mapper.status.age_s,
-                battery_silent_s=0.0 if battery_s is None else now_s - battery_s,
-            )
-            why = ending(standing, self._settings.mission)
-            if why is not None:
-                return why
-            await asyncio.sleep(LOOK_PERIOD_S)
-
     def _summary(self, why: str, results: list[CheckResult], mapper: MapWorker, recorder: Recorder) -> dict[str, Any]:
         session, status = self._session, mapper.status
-        explored_s = self._explored_s or (0.0, 0.0)
         return {
             "preset": self._options.preset,
             "seed": self._seed,
@@ -252,7 +197,6 @@ class _Flight:
             "ended_because": why,
             "as_it_should": why in [ending.value for ending in Ending if ending.as_it_should],
             "interrupted": self._orders.interrupted,
-            "explored_s": round(explored_s[1] - explored_s[0], 1),
             "completeness_estimate": status.completeness,
             "recording": recorder.problem or "whole",
             "recording_ticks_dropped": recorder.ticks_dropped,
@@ -263,6 +207,8 @@ class _Flight:
             "map_restarts": status.restarts,
             "unpaired_frames": session.inputs.unpaired,
             "clock_residual_s": session.telemetry.clock_residual_s,
+            "gate_notices": dict(self._gate.counted),
+            "beats_unsent": self._gate.beats_unsent,
             "skipped_checks": [result.name for result in results if result.skipped],
             "versions": _versions(),
         }

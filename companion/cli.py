@@ -18,7 +18,7 @@ from typing import Annotated
 
 import typer
 
-from companion import flight_commands
+from companion import flight_commands, safety_commands
 from companion.errors import EXIT_INTERRUPTED, CompanionError
 
 DISTRIBUTION = "mine-companion"
@@ -105,6 +105,7 @@ def _app(commands: dict[str, EntryPoint], called: str | None) -> typer.Typer:
     for command in (flight_commands.run, flight_commands.check, flight_commands.figures, flight_commands.replay):
         app.command()(command)
     app.add_typer(config_app, name="config")
+    app.add_typer(safety_commands.app, name="safety")
     for name, entry in sorted(commands.items()):
         if name == called:
             loaded = entry.load()

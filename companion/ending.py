@@ -26,6 +26,10 @@ class Ending(enum.StrEnum):
     PILOT = "pilot or failsafe took over"
     """The mode was changed by a person or by a failsafe of the autopilot: hands off."""
     DISARMED = "disarmed in flight"
+    GATE_LOST = "gate lost"
+    """The safety gate died, and with it the way to the autopilot: no manoeuvre is possible."""
+    GATE = "gate took over"
+    """The safety gate holds or lands the vehicle: hands off."""
     LINK = "autopilot lost"
     BATTERY = "battery low"
     MAP = "map lost"
@@ -39,6 +43,11 @@ class Ending(enum.StrEnum):
         """Whether the mission did what it was sent for, or what a person asked of it."""
         return self in (Ending.COMPLETE, Ending.STOPPED)
 
+    @property
+    def hands_off(self) -> bool:
+        """Whether the vehicle is no longer ours to end the flight of."""
+        return self in (Ending.GATE_LOST, Ending.GATE, Ending.PILOT, Ending.DISARMED)
+
 
 @dataclass(frozen=True, slots=True)
 class Standing:
@@ -47,6 +56,8 @@ class Standing:
     Attributes:
         vehicle: the autopilot's last word.
         pilot_took_over: whether the mode is no longer ours.
+        gate_took_over: whether the gate says that it holds or lands, so that such a mode is its doing.
+        gate_lost: whether the gate is gone.
         stop_asked: whether a person asked for the end.
         complete: whether the map is.
         flown_s: time since the take-off.
@@ -57,6 +68,8 @@ class Standing:
 
     vehicle: VehicleState
     pilot_took_over: bool
+    gate_took_over: bool
+    gate_lost: bool
     stop_asked: bool
     complete: bool
     flown_s: float
@@ -70,6 +83,8 @@ def ending(now: Standing, settings: MissionSettings) -> Ending | None:
     vehicle = now.vehicle
     battery = vehicle.battery_percent
     reasons = (
+        (Ending.GATE_LOST, now.gate_lost),
+        (Ending.GATE, now.gate_took_over and now.pilot_took_over),
         (Ending.LINK, vehicle.heartbeat_age_s > HEARTBEAT_LOST_S),
         (Ending.DISARMED, not vehicle.armed),
         (Ending.PILOT, now.pilot_took_over),

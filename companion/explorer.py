@@ -36,7 +36,7 @@ class Explorer:
 
     def __init__(self, settings: Settings, rng: np.random.Generator) -> None:
         self.navigator = Navigator(law_parameters(settings), rng)
-        self._extractor = Extractor(settings.sensors, settings.vehicle.body_height_m)
+        self._extractor = Extractor(settings.sensors, settings.vehicle)
 
     def look(self, observation: Observation) -> Measurement:
         """Measure without steering: on the ground, and while somebody else flies."""

@@ -5,16 +5,13 @@ What they need is imported when they run: the help must not wait for it.
 
 from __future__ import annotations
 
-import asyncio
 import dataclasses
 import json
-import logging
+import sys
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NoReturn
 
 import typer
-
-from companion.errors import EXIT_INTERRUPTED, CompanionError
 
 Config = Annotated[Path | None, typer.Option("--config", metavar="FILE", help="YAML file that describes the vehicle.")]
 Preset = Annotated[
@@ -26,31 +23,12 @@ Skip = Annotated[
 ]
 
 
-class ChecksFailedError(CompanionError):
-    """A pre-flight check failed."""
-
-
-class FlightFailedError(CompanionError):
-    """The flight did not end as it should."""
-
-
 def check(config: Config = None, preset: Preset = None, fix: Fix = False, skip: Skip = None) -> None:
     """Check everything that a flight needs, without arming.
 
     The exit code is 0 when the vehicle may fly, 1 when a check fails or no autopilot answers, 2 for wrong input.
     """
-    from companion import app
-    from companion.autopilot.preflight import refusal, render
-    from companion.config.load import load
-    from companion.ready import Options
-
-    _log_to_stderr()
-    loaded = load(config, preset)
-    options = Options(preset=loaded.preset, fix=fix, skip=tuple(skip or ()))
-    results = asyncio.run(app.check(loaded.settings, options, lambda line: typer.echo(line, err=True)))
-    typer.echo(render(results))
-    if (why := refusal(results)) is not None:
-        raise ChecksFailedError(why)
+    _through_the_gate("check", config, preset, fix=fix, skip=skip)
 
 
 def run(
@@ -67,24 +45,15 @@ def run(
     """Explore with a real or simulated autopilot and bring home the map.
 
     Connects, checks, waits for the start, takes off, explores and ends the flight as configured. Ctrl-C ends it the
-    same way. The exit code is 0 when the map is complete or a person stopped the flight, 1 when it was refused or ended
+    same way. All of it stands behind the safety gate, a process of its own that checks every setpoint, stops the
+    vehicle when anything is late or wrong, and starts the application again when it has died; it then waits for a
+    start. While the gate brakes the application goes on steering, so that the flight can go on; when the gate holds or
+    lands, the flight is over.
+
+    The exit code is 0 when the map is complete or a person stopped the flight, 1 when it was refused or ended
     otherwise, 2 for wrong input, 130 after Ctrl-C.
     """
-    from companion import app
-    from companion.config.load import load
-    from companion.ready import Options
-
-    _log_to_stderr()
-    loaded = load(config, preset)
-    settings = loaded.settings
-    if start is not None:
-        settings = settings.model_copy(update={"mission": settings.mission.model_copy(update={"start": start})})
-    options = Options(preset=loaded.preset, seed=seed, fix=fix, skip=tuple(skip or ()))
-    summary = asyncio.run(app.fly(settings, options, typer.echo))
-    if summary["interrupted"]:
-        raise typer.Exit(EXIT_INTERRUPTED)
-    if not summary["as_it_should"]:
-        raise FlightFailedError(f"the flight ended because: {summary['ended_because']}")
+    _through_the_gate("run", config, preset, start=start, seed=seed, fix=fix, skip=skip)
 
 
 def figures(
@@ -124,5 +93,30 @@ def replay(
         raise typer.Exit(1)
 
 
-def _log_to_stderr() -> None:
-    logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+def _through_the_gate(
+    what: Literal["check", "run"],
+    config: Path | None,
+    preset: str | None,
+    *,
+    fix: bool,
+    skip: list[str] | None,
+    start: Literal["now", "key", "command"] | None = None,
+    seed: int | None = None,
+) -> NoReturn:
+    """Load the settings and hand them over: this process becomes the gate."""
+    from companion import handover
+    from companion.config.load import load
+    from companion.gate_plan import refuse_if_reachable
+
+    loaded = load(config, preset)
+    settings = loaded.settings
+    if start is not None:
+        settings = settings.model_copy(update={"mission": settings.mission.model_copy(update={"start": start})})
+    refuse_if_reachable(settings)
+    words = [what, "--preset", loaded.preset]
+    words += [] if seed is None else ["--seed", str(seed)]
+    words += ["--fix"] if fix else []
+    words += [f"--skip={name}" for name in skip or ()]
+    # After a death nothing flies by itself: a person starts it, here or at a ground station.
+    by_whom = "key" if sys.stdin is not None and sys.stdin.isatty() else "command"
+    handover.become_the_gate(settings, words, None if what == "check" else [*words, "--start", by_whom])

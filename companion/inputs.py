@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import logging
+import math
 from collections import deque
 from typing import Generic, TypeVar
 
-from companion.model import DepthFrame, Observation, PlanarScan, Pose
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.model import Beam, DepthFrame, Observation, PlanarScan, Pose, RangeReading
 from companion.poses import PoseBuffer
-from companion.sensors.sink import RawDepth, RawPlanar, SensorSink
+from companion.sensors.frozen import FrozenBeam, FrozenImages
+from companion.sensors.sink import DEPTH, FROZEN, PLANAR, RawDepth, RawPlanar, SensorSink
 
 POSE_WAIT_S = 0.3
 """What has no pose after this long is dropped: poses come 20 to 50 ms late, and a gap in them does not close."""
@@ -15,6 +21,10 @@ POSE_WAIT_S = 0.3
 WAITING = 8
 """Images that may wait for their poses: at 20 ticks a second more than `POSE_WAIT_S` of them."""
 
+TELL_AGAIN_S = 10.0
+"""Between two lines of the log about the same sensor."""
+
+_log = logging.getLogger(__name__)
 
 Raw = TypeVar("Raw", RawDepth, RawPlanar)
 
@@ -50,7 +60,8 @@ class Inputs:
     """Takes what drivers and telemetry have brought, and makes an `Observation` of it.
 
     An image may arrive before the pose sample behind its exposure: it waits for it, so that a frame taken in a turn is
-    placed where it was taken.
+    placed where it was taken. A picture or a reading that stands still while the vehicle moves is left out, and counted
+    in the statistics of the sink: what it was to keep fresh becomes stale, and the vehicle stops.
 
     Args:
         sink: the readings of the sensors.
@@ -62,6 +73,9 @@ class Inputs:
         self._poses = poses
         self._depth: _Waiting[RawDepth] = _Waiting()
         self._planar: _Waiting[RawPlanar] = _Waiting()
+        self._pictures = {DEPTH: FrozenImages(), PLANAR: FrozenImages()}
+        self._beams = {beam: FrozenBeam() for beam in Beam}
+        self._told_s: dict[str, float] = {}
 
     @property
     def unpaired(self) -> int:
@@ -78,16 +92,38 @@ class Inputs:
         pose = self._poses.newest()
         if pose is None:
             return None
-        depth = self._depth.newest_placed(self._poses, now_s)
-        planar = self._planar.newest_placed(self._poses, now_s)
         return Observation(
             now_s,
             pose,
-            None if depth is None else DepthFrame(depth[0].t_s, depth[0].depth_m, depth[0].camera, depth[1]),
-            taken.ranges,
-            None
-            if planar is None
-            else PlanarScan(
-                planar[0].t_s, planar[0].bearings_rad, planar[0].ranges_m, planar[0].max_range_m, planar[1]
-            ),
+            self._newest_frame(now_s),
+            tuple(reading for reading in taken.ranges if not self._is_frozen_beam(reading, pose, now_s)),
+            self._newest_scan(now_s),
         )
+
+    def _newest_frame(self, now_s: float) -> DepthFrame | None:
+        placed = self._depth.newest_placed(self._poses, now_s)
+        if placed is None or self._is_frozen_picture(DEPTH, placed[0].depth_m, placed[1], now_s):
+            return None
+        raw, pose = placed
+        return DepthFrame(raw.t_s, raw.depth_m, raw.camera, pose)
+
+    def _newest_scan(self, now_s: float) -> PlanarScan | None:
+        placed = self._planar.newest_placed(self._poses, now_s)
+        if placed is None or self._is_frozen_picture(PLANAR, placed[0].ranges_m, placed[1], now_s):
+            return None
+        raw, pose = placed
+        return PlanarScan(raw.t_s, raw.bearings_rad, raw.ranges_m, raw.max_range_m, pose)
+
+    def _is_frozen_picture(self, stream: str, values: NDArray[np.floating], pose: Pose, now_s: float) -> bool:
+        return self._pictures[stream].repeats(values, pose) and self._refuse(stream, now_s)
+
+    def _is_frozen_beam(self, reading: RangeReading, pose: Pose, now_s: float) -> bool:
+        return self._beams[reading.beam].repeats(reading, pose) and self._refuse(reading.beam.value, now_s)
+
+    def _refuse(self, stream: str, now_s: float) -> bool:
+        """Always true: count what stands still, and tell of it now and then."""
+        self._sink.drop(stream, FROZEN)
+        if now_s - self._told_s.get(stream, -math.inf) > TELL_AGAIN_S:
+            self._told_s[stream] = now_s
+            _log.warning("%s stands still while the vehicle moves: it does not count until it changes", stream)
+        return True

@@ -86,6 +86,13 @@ class Pose:
         """Whether place, heading and velocity in the plane can be numbers: each is smaller than `ABSURD`."""
         return all(abs(value) < ABSURD for value in (self.x_m, self.y_m, self.yaw_rad, self.vx_mps, self.vy_mps))
 
+    @property
+    def is_finite(self) -> bool:
+        """Whether every number that places something can be one: points carried by a NaN would be kept and spread."""
+        rest = (self.z_m, self.roll_rad, self.pitch_rad)
+        # No bound for the time: it counts from the start of the computer, which may be months ago.
+        return math.isfinite(self.t_s) and self.is_finite_in_plane and all(abs(value) < ABSURD for value in rest)
+
 
 @dataclass(frozen=True, slots=True)
 class Camera:
@@ -195,6 +202,10 @@ class Measurement:
         d_bearing_rad: bearing α* of that obstacle.
         d_front_m: the same least distance over bearings within 135° of the heading (d_f).
         d_dot_mps: rate of change of d.
+        ahead_m: distance to the nearest obstacle ahead within the width of the body, from its centre; infinite when
+            what is known there is free, NaN when nothing is known there.
+        ranges_age_s: how old the last word of that beam is which has been silent longest, of those that the vehicle
+            counts on; infinite when one never spoke.
         missing: names of inputs that are absent or stale; empty when the vehicle may fly.
     """
 
@@ -208,6 +219,8 @@ class Measurement:
     d_bearing_rad: float | None
     d_front_m: float | None
     d_dot_mps: float | None
+    ahead_m: float
+    ranges_age_s: float
     missing: tuple[str, ...] = ()
 
 

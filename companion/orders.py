@@ -6,12 +6,13 @@ import asyncio
 import contextlib
 import signal
 import sys
+import termios
 from collections.abc import Iterator
 from typing import Any
 
 from companion.autopilot.vehicle_state import integer, number
 from companion.autopilot.wire import ONBOARD_COMPONENT, Link, LinkError, Message
-from companion.errors import InputError
+from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
 
 MISSION_START = 300
 """MAV_CMD_MISSION_START, sent to this component: start the flight."""
@@ -21,6 +22,12 @@ PAUSE_CONTINUE = 193
 LARGEST_COMMAND = 65535
 
 _ACCEPTED, _NOT_NOW, _DENIED, _UNSUPPORTED = 0, 1, 2, 3
+
+
+class InterruptedFlightError(CompanionError):
+    """Ctrl-C, or the end of the service, before the vehicle explored."""
+
+    exit_code = EXIT_INTERRUPTED
 
 
 class Orders:
@@ -81,8 +88,11 @@ class Orders:
             self.start.set()
 
         try:
+            if sys.stdin.isatty():
+                # What was typed before nobody meant as an answer, least of all after a restart.
+                termios.tcflush(sys.stdin, termios.TCIFLUSH)
             loop.add_reader(sys.stdin, pressed)
-        except (OSError, ValueError):  # /dev/null, or no input at all, as under a service manager
+        except (AttributeError, OSError, ValueError, termios.error):  # no input at all, as under a service manager
             raise InputError(
                 "mission.start = key, but there is no terminal: use --start command (a ground station starts the "
                 "flight) or --start now"

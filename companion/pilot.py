@@ -22,6 +22,14 @@ class Helm(Protocol):
         ...
 
 
+class Gate(Protocol):
+    """Who has to know that a tick was completed before its setpoint comes."""
+
+    def ticked(self, t_s: float, pose: Pose | None, measurement: Measurement | None) -> None:
+        """Everything that this tick's setpoint rests on; None while no pose is known."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class TickRecord:
     """Everything about one tick, for the recording and for who watches.
@@ -65,10 +73,17 @@ class Pilot:
         pace: when.
         helm: where setpoints go.
         watchers: who is told of every tick.
+        gate: who is told of every tick before its setpoint goes out; without it no setpoint passes.
     """
 
     def __init__(
-        self, inputs: Inputs, explorer: Explorer, pace: Pace, helm: Helm | None, watchers: tuple[Watcher, ...] = ()
+        self,
+        inputs: Inputs,
+        explorer: Explorer,
+        pace: Pace,
+        helm: Helm | None,
+        watchers: tuple[Watcher, ...] = (),
+        gate: Gate | None = None,
     ) -> None:
         self.exploring = False
         self.measurement: Measurement | None = None
@@ -81,6 +96,7 @@ class Pilot:
         self._pace = pace
         self._helm = helm
         self._watchers = watchers
+        self._gate = gate
 
     def measured_height_m(self) -> float | None:
         """Height above ground, measured by the beam that looks down; None when it is not known now."""
@@ -112,6 +128,9 @@ class Pilot:
         self.pose = None if observation is None else observation.pose
         if not missing:
             self.fresh_s = now_s
+        # Only here, where everything before has succeeded: a tick that failed must not look like one that did.
+        if self._gate is not None:
+            self._gate.ticked(now_s, self.pose, measurement)
         sent = setpoint is not None and self._helm is not None and self._helm.send(setpoint)
         mode = self._explorer.navigator.status.mode if self.exploring and not missing else Mode.HOLD
         duration_s = time.perf_counter() - began

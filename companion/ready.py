@@ -67,6 +67,7 @@ async def checked(session: Session, options: Options, say: Say) -> list[CheckRes
         Explorer(settings, np.random.default_rng(0)),
         Pace(clock, settings.control.period_s),
         helm=None,
+        gate=session.gate,
     )
     async with background(pilot.run()):
         await _until_position(session, say)

@@ -15,6 +15,7 @@ from companion.background import background
 from companion.clock import Clock
 from companion.config.settings import Settings
 from companion.errors import InputError
+from companion.gate_talk import GateTalk
 from companion.inputs import Inputs
 from companion.sensors.drivers import DriverContext, SensorDriver, load_drivers
 from companion.sensors.sink import SensorSink
@@ -35,23 +36,25 @@ class Session:
     telemetry: Telemetry
     sink: SensorSink
     inputs: Inputs
+    gate: GateTalk
 
 
 @asynccontextmanager
-async def open_session(settings: Settings, clock: Clock) -> AsyncIterator[Session]:
-    """Connect to the autopilot and start the sensors; everything ends with the block.
+async def open_session(settings: Settings, clock: Clock, gate: GateTalk) -> AsyncIterator[Session]:
+    """Connect to the autopilot through the gate and start the sensors; everything ends with the block.
 
     Raises:
         LinkError: no autopilot answered.
+        GateLostError: the gate ended before anything flew.
         InputError: a driver's settings can never work.
     """
-    async with MavsdkLink(settings.autopilot, clock) as link:
+    async with background(gate.run()), MavsdkLink(settings.autopilot, clock, gate.url) as link:
         autopilot = settings.autopilot
         telemetry = Telemetry(link, clock, autopilot.attitude_hz, autopilot.position_hz)
         sink = SensorSink(clock)
         drivers = load_drivers(settings, DriverContext(clock, link))
         async with background(telemetry.run(), *(_keep_running(driver, sink) for driver in drivers)):
-            yield Session(settings, clock, link, telemetry, sink, Inputs(sink, telemetry.poses))
+            yield Session(settings, clock, link, telemetry, sink, Inputs(sink, telemetry.poses), gate)
 
 
 async def _keep_running(driver: SensorDriver, sink: SensorSink) -> None:

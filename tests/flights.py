@@ -79,7 +79,7 @@ def make_tick(
     reading = RangeReading(Beam.DOWN, t_s - 0.05, 1.5, 8.0)
     return Tick(
         observation=Observation(t_s, Pose(t_s - 0.02, 1.0, 2.0, 1.5, 0.1, 0.02, -0.03), frame, (reading,)),
-        measurement=Measurement(t_s, 0.1, make_scan(), 1.5, None, None, d_m, 0.3, d_m, -0.1),
+        measurement=Measurement(t_s, 0.1, make_scan(), 1.5, None, None, d_m, 0.3, d_m, -0.1, 2.0, 0.05),
         setpoint=Setpoint(t_s, 0.4, 0.01, -0.2),
         mode=mode,
         sent=sent,

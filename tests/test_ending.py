@@ -31,6 +31,8 @@ def standing(vehicle: dict[str, Any] | None = None, **changes: Any) -> Standing:
     well = Standing(
         state,
         pilot_took_over=False,
+        gate_took_over=False,
+        gate_lost=False,
         stop_asked=False,
         complete=False,
         flown_s=10.0,
@@ -50,6 +52,8 @@ def test_a_flight_on_which_all_is_well_goes_on() -> None:
     [
         (standing({"heartbeat_age_s": 3.1}), Ending.LINK),
         (standing({"armed": False}), Ending.DISARMED),
+        (standing(gate_lost=True), Ending.GATE_LOST),
+        (standing(pilot_took_over=True, gate_took_over=True), Ending.GATE),
         (standing(pilot_took_over=True), Ending.PILOT),
         (standing({"battery_percent": 24.0}), Ending.BATTERY),
         (standing({"battery_percent": None}, battery_silent_s=30.5), Ending.BATTERY),
@@ -74,6 +78,30 @@ def test_what_takes_the_vehicle_away_comes_before_what_was_reached() -> None:
     """A pilot who takes over at the moment of completion must not see the vehicle land under his hands."""
     assert ending(standing(pilot_took_over=True, complete=True, stop_asked=True), SETTINGS) is Ending.PILOT
     assert ending(standing({"heartbeat_age_s": 9.0, "armed": False}), SETTINGS) is Ending.LINK
+
+
+def test_what_the_gate_did_is_not_blamed_on_a_pilot() -> None:
+    """The mode that it takes shows up to a second after its word; who landed by it is disarmed as well."""
+    assert ending(standing(gate_took_over=True), SETTINGS) is None, "not before the mode shows"
+    landed = standing({"armed": False}, pilot_took_over=True, gate_took_over=True)
+    assert ending(landed, SETTINGS) is Ending.GATE
+
+
+def test_without_the_gate_nothing_else_that_is_said_of_the_vehicle_counts() -> None:
+    """All of it came through the gate."""
+    assert (
+        ending(standing({"heartbeat_age_s": 9.0}, gate_lost=True, pilot_took_over=True), SETTINGS) is Ending.GATE_LOST
+    )
+
+
+def test_hands_are_off_when_the_vehicle_is_not_ours_or_cannot_be_reached() -> None:
+    """Everywhere else the vehicle would be left flying by nobody."""
+    assert {why for why in Ending if why.hands_off} == {
+        Ending.GATE_LOST,
+        Ending.GATE,
+        Ending.PILOT,
+        Ending.DISARMED,
+    }
 
 
 def test_only_completion_and_a_stop_are_ends_as_they_should_be() -> None:

@@ -12,7 +12,7 @@ from companion.config.sensors import CameraSettings
 from companion.inputs import POSE_WAIT_S, Inputs
 from companion.model import Beam, RangeReading
 from companion.poses import PoseBuffer
-from companion.sensors.sink import RawDepth, RawPlanar, SensorSink
+from companion.sensors.sink import DEPTH, FROZEN, RawDepth, RawPlanar, SensorSink
 from tests.autopilot.fake_link import HandClock
 
 CAMERA = replace(CameraSettings().model(), width_px=4, height_px=3)
@@ -33,7 +33,8 @@ class Scene:
         self.poses.add_position(t_s, 0.0, 0.0, 1.5, 0.0, 0.0, 0.0)
 
     def image(self, t_s: float) -> None:
-        self.sink.depth(RawDepth(t_s, np.full((3, 4), 2.0, np.float32), CAMERA))
+        # What it sees changes with the heading.
+        self.sink.depth(RawDepth(t_s, np.full((3, 4), t_s - 98.0, np.float32), CAMERA))
 
 
 def test_without_any_pose_there_is_nothing_to_see() -> None:
@@ -103,6 +104,27 @@ def test_an_image_whose_pose_never_comes_is_dropped_and_counted() -> None:
     late = scene.inputs.observe(100.45)
     assert late is not None
     assert late.frame is None
+
+
+def test_what_stands_still_is_left_out_counted_and_told_now_and_then(caplog: pytest.LogCaptureFixture) -> None:
+    """Protects map and law from old pictures under new poses, and the log from a line for each of them."""
+    scene = Scene()
+    frames = 0
+    for i in range(240):
+        now_s = 100.0 + 0.05 * i
+        scene.clock.time_s = now_s
+        scene.pose(now_s)
+        scene.sink.depth(RawDepth(now_s, np.full((3, 4), 2.0, np.float32), CAMERA))
+        seen = scene.inputs.observe(now_s)
+        assert seen is not None
+        frames += seen.frame is not None
+    # 2° at 0.6 rad/s: the first picture, and one more 0.05 s later.
+    assert frames == 2
+    assert scene.sink.statistics(112.0)[DEPTH].reasons == {FROZEN: 238}
+    assert [record.getMessage() for record in caplog.records] == [
+        "depth stands still while the vehicle moves: it does not count until it changes"
+    ] * 2
+    assert scene.inputs.unpaired == 0
 
 
 def test_scans_are_placed_too_and_ranges_need_not_be() -> None:

@@ -118,6 +118,26 @@ def test_the_enter_key_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     os.close(writing)
 
 
+def test_what_was_typed_before_starts_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An Enter from the flight before must not let the application that was started again take off at once."""
+    hand, terminal = os.openpty()
+
+    async def main() -> tuple[bool, bool]:
+        orders = Orders(by_command=False)
+        with os.fdopen(terminal) as keyboard:
+            monkeypatch.setattr("sys.stdin", keyboard)
+            os.write(hand, b"\n\n")
+            with orders.enter_key():
+                await asyncio.sleep(0.1)
+                before = orders.start.is_set()
+                os.write(hand, b"\n")
+                await asyncio.wait_for(orders.start.wait(), 5.0)
+        return before, orders.start.is_set()
+
+    assert asyncio.run(main()) == (False, True)
+    os.close(hand)
+
+
 def test_without_a_terminal_the_key_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Under a service manager nobody can press it: waiting for ever would look like a hang."""
 

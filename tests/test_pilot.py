@@ -8,7 +8,7 @@ import pytest
 from companion.config.load import load_settings
 from companion.explorer import Explorer
 from companion.inputs import Inputs
-from companion.model import Beam, Mode, RangeReading, Setpoint
+from companion.model import Beam, Measurement, Mode, Pose, RangeReading, Setpoint
 from companion.pace import Pace
 from companion.pilot import Pilot, TickRecord
 from companion.poses import PoseBuffer
@@ -31,6 +31,19 @@ class Helm:
         return not self.refuses
 
 
+class Gate:
+    """Notes the beats, and what had been sent by then."""
+
+    def __init__(self, helm: Helm) -> None:
+        self.beats: list[tuple[float, Pose | None, Measurement | None]] = []
+        self.sent_before: list[int] = []
+        self._helm = helm
+
+    def ticked(self, t_s: float, pose: Pose | None, measurement: Measurement | None) -> None:
+        self.beats.append((t_s, pose, measurement))
+        self.sent_before.append(len(self._helm.sent))
+
+
 class Bench:
     """A pilot whose sensors and poses come when the test says so."""
 
@@ -39,6 +52,7 @@ class Bench:
         self.sink = SensorSink(self.clock)
         self.poses = PoseBuffer()
         self.helm = Helm()
+        self.gate = Gate(self.helm)
         self.seen: list[TickRecord] = []
         self.pilot = Pilot(
             Inputs(self.sink, self.poses),
@@ -46,6 +60,7 @@ class Bench:
             Pace(self.clock, 0.05),
             self.helm,
             (self.seen.append,),
+            self.gate,
         )
 
     def tick(self, *, pose: bool = True, depth: bool = True, down: bool = True, h_m: float = 1.5) -> TickRecord:
@@ -140,3 +155,40 @@ def test_every_tick_is_told_to_every_watcher() -> None:
     ticks = [bench.tick() for _ in range(3)]
     assert bench.seen == ticks
     assert all(tick.duration_s > 0.0 for tick in ticks)
+
+
+def test_the_gate_hears_of_a_tick_before_it_sees_the_setpoint() -> None:
+    """Without a beat as new as the setpoint the gate would have to stop the vehicle once in each tick."""
+    bench = Bench()
+    bench.pilot.exploring = True
+    ticks = [bench.tick() for _ in range(3)]
+    assert [t_s for t_s, _, _ in bench.gate.beats] == [tick.t_s for tick in ticks]
+    assert [measurement for _, _, measurement in bench.gate.beats] == [tick.measurement for tick in ticks]
+    assert bench.gate.beats[-1][1] == bench.pilot.pose
+    assert bench.gate.sent_before == [0, 1, 2]
+
+
+def test_on_the_ground_and_without_a_pose_the_gate_hears_of_ticks_too() -> None:
+    bench = Bench()
+    bench.tick(pose=False)
+    bench.tick()
+    assert bench.gate.beats[0][1:] == (None, None)
+    assert bench.gate.beats[1][1] is not None
+    assert bench.helm.sent == []
+
+
+@pytest.mark.parametrize("fails", ["observe", "step"])
+def test_a_tick_that_fails_is_none(fails: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protects the meaning of a beat: everything that a setpoint rests on was looked at, and worked."""
+    bench = Bench()
+    bench.pilot.exploring = True
+    bench.tick()
+
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(Inputs if fails == "observe" else Explorer, fails, broken)
+    with pytest.raises(ZeroDivisionError):
+        bench.tick()
+    assert len(bench.gate.beats) == 1
+    assert len(bench.helm.sent) == 1

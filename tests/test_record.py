@@ -120,6 +120,7 @@ def test_a_tick_says_how_old_its_inputs_were(flight: Path) -> None:
     assert tick["depth_age_s"] == pytest.approx(0.102)
     assert tick["ranges_age_s"] == pytest.approx(0.052)
     assert tick["pose_age_s"] == pytest.approx(0.022)
+    assert tick["ahead_m"] == 2.0
     assert (tick["speed_mps"], tick["climb_mps"], tick["yaw_rate_radps"]) == (0.4, 0.01, -0.2)
     assert (tick["mode"], tick["sent"], tick["d_m"], tick["h_m"], tick["missing"]) == ("R3", True, 1.0, 1.5, [])
     assert observation is not None

@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from companion.autopilot.wire import AUTOPILOT_COMPONENT, ONBOARD_COMPONENT, LinkError, Message
+from companion.autopilot.wire import AUTOPILOT_COMPONENT, GATE_COMPONENT, ONBOARD_COMPONENT, LinkError, Message
 
 IN_PROGRESS = 5
 """MAV_RESULT_IN_PROGRESS: heard, the final answer follows."""
@@ -15,6 +15,7 @@ RESEND_S = 0.5
 LONGEST_S = 60.0
 """A command that stays in progress for longer than this is given up."""
 PARAMS = 7
+ANSWERING = (AUTOPILOT_COMPONENT, GATE_COMPONENT)
 
 
 class Commands:
@@ -35,7 +36,9 @@ class Commands:
         self._turns: defaultdict[int, asyncio.Lock] = defaultdict(asyncio.Lock)
 
     def acknowledged(self, message: Message) -> None:
-        """A COMMAND_ACK of the autopilot came in; those meant for others are ignored."""
+        """A COMMAND_ACK came in: the autopilot's, or that of the gate, which refused it; others are ignored."""
+        if (message.system_id, message.component_id) not in {(self._system_id, who) for who in ANSWERING}:
+            return
         system_id, component_id = message.fields.get("target_system", 0), message.fields.get("target_component", 0)
         if system_id not in (0, self._system_id) or component_id not in (0, ONBOARD_COMPONENT):
             return

@@ -9,13 +9,11 @@ from collections.abc import Coroutine
 from typing import Any, TypeVar
 
 from companion.autopilot.commander import POLL_S, Commander
+from companion.autopilot.personality import BODY_NED, VELOCITY_AND_YAW_RATE
 from companion.autopilot.wire import AUTOPILOT_COMPONENT, LinkError
 from companion.frames import setpoint_to_frd
 from companion.model import Setpoint
 
-BODY_NED = 8
-VELOCITY_AND_YAW_RATE = 0x5C7
-"""Type mask: position, acceleration and yaw do not count."""
 FAILSAFE_SHOWS_S = 0.3
 """A failsafe acts up to 0.12 s after its time limit; only a heartbeat from after that can tell."""
 HEARTBEAT_LOST_S = 3.0

@@ -10,3 +10,7 @@ class AutopilotKind(enum.StrEnum):
 
     PX4 = "px4"
     ARDUPILOT = "ardupilot"
+
+
+KINDS = {12: AutopilotKind.PX4, 3: AutopilotKind.ARDUPILOT}
+"""MAV_AUTOPILOT of the heartbeat."""

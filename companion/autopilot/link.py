@@ -79,6 +79,8 @@ class MavsdkLink:
     Args:
         settings: where the autopilot is and which system id it has; others on the same port are ignored.
         clock: stamps arrivals.
+        through: where to connect to, when it is not the autopilot itself that is there but who stands in for it; by
+            default ``settings.url``, which errors name in any case.
 
     Attributes:
         malformed: messages that could not be read.
@@ -88,8 +90,9 @@ class MavsdkLink:
         LinkError: on entering, when our autopilot is not there: says what was seen instead.
     """
 
-    def __init__(self, settings: AutopilotSettings, clock: Clock) -> None:
+    def __init__(self, settings: AutopilotSettings, clock: Clock, through: str | None = None) -> None:
         self._settings = settings
+        self._url = settings.url if through is None else through
         self._clock = clock
         self._kind: AutopilotKind | None = None
         self._neighbours = Neighbours(settings)
@@ -109,7 +112,7 @@ class MavsdkLink:
         try:
             await self._in_thread(self._open)
             self.events("HEARTBEAT", self._neighbours.note, anyone=True)
-            self.events("COMMAND_ACK", self._commands.acknowledged)
+            self.events("COMMAND_ACK", self._commands.acknowledged, anyone=True)
             await self._connect()
         except BaseException:
             await self._close()
@@ -201,7 +204,7 @@ class MavsdkLink:
         opened = await self._in_thread(self._add_connection)
         while True:
             if opened is ConnectionResult.CONNECTION_URL_INVALID:
-                raise LinkError(f"autopilot.url {self._settings.url} is no address that MAVSDK understands")
+                raise LinkError(f"autopilot.url {self._url} is no address that MAVSDK understands")
             if opened is ConnectionResult.SUCCESS and await self._found(heartbeats):
                 return
             if self._loop.time() >= deadline_s:
@@ -216,7 +219,7 @@ class MavsdkLink:
     def _add_connection(self) -> ConnectionResult:
         if self._mavsdk is None:
             raise LinkError("the link is closed")
-        return self._mavsdk.add_any_connection(self._settings.url)
+        return self._mavsdk.add_any_connection(self._url)
 
     async def _found(self, heartbeats: Stream) -> bool:
         if heartbeats.newest is None:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from mavsdk.connection_result import ConnectionResult
 
-from companion.autopilot.kind import AutopilotKind
+from companion.autopilot.kind import KINDS, AutopilotKind
 from companion.autopilot.wire import AUTOPILOT_COMPONENT, Message
 from companion.config.autopilot import AutopilotSettings
 
-KINDS = {12: AutopilotKind.PX4, 3: AutopilotKind.ARDUPILOT}
-"""MAV_AUTOPILOT of the heartbeat."""
 NO_AUTOPILOT = 8
 """MAV_AUTOPILOT_INVALID: says a component that is none."""
 REMEMBERED = 64

@@ -19,6 +19,11 @@ DO_SET_MODE = 176
 NAV_TAKEOFF = 22
 ARM_DISARM = 400
 
+BODY_NED = 8
+"""MAV_FRAME of our setpoints: forward, right, down, turned by the heading alone."""
+VELOCITY_AND_YAW_RATE = 0x5C7
+"""Type mask of our setpoints: position, acceleration and yaw do not count."""
+
 ACCEPTED = 0
 IN_PROGRESS = 5
 _RESULTS = {

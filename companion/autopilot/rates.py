@@ -25,6 +25,8 @@ _IDS = {
 
 ESTIMATOR = {AutopilotKind.PX4: "ESTIMATOR_STATUS", AutopilotKind.ARDUPILOT: "EKF_STATUS_REPORT"}
 """In which message each firmware says how its estimator is."""
+ESTIMATOR_HZ = 5.0
+"""Often enough to stop before a lost velocity estimate has carried the vehicle far: 0.1 m at 0.5 m/s."""
 
 
 def wanted_hz(kind: AutopilotKind, attitude_hz: float, position_hz: float) -> dict[str, float]:
@@ -35,7 +37,7 @@ def wanted_hz(kind: AutopilotKind, attitude_hz: float, position_hz: float) -> di
         "SYS_STATUS": 1.0,
         "BATTERY_STATUS": 1.0,
         "EXTENDED_SYS_STATE": 2.0,
-        ESTIMATOR[kind]: 2.0,
+        ESTIMATOR[kind]: ESTIMATOR_HZ,
     }
 
 

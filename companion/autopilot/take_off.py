@@ -18,6 +18,7 @@ from companion.autopilot.personality import ACCEPTED, NAV_TAKEOFF, result_name
 from companion.autopilot.takeover import DISARMED
 from companion.autopilot.wire import Link
 from companion.config.control import ControlSettings
+from companion.control.ramp import Ramp
 from companion.model import Setpoint
 
 NEAR_M = 0.2
@@ -84,6 +85,7 @@ class TakeOff:
         self._commander = commander
         self._helm = helm
         self._law = law
+        self._ramp = Ramp(law.max_accel_mps2, POLL_S)
         self._gps = gps
         self._measured_m = measured_m
         self._risen_m = risen_m
@@ -164,7 +166,7 @@ class TakeOff:
             elif now_s - near_s >= SETTLED_S:
                 return
             if self._helm.engaged:
-                self._helm.send(Setpoint(now_s, 0.0, self._climb_mps(height_m, now_m), 0.0))
+                self._helm.send(self._ramp.limit(Setpoint(now_s, 0.0, self._climb_mps(height_m, now_m), 0.0)))
             elif near_s is None and highest_m > ground_m + LIFTED_M and now_s - highest_s > STALLED_S:
                 _log.info("the autopilot's take-off ended at %.2f m: climbing on by setpoints", highest_m)
                 await self._helm.engage()

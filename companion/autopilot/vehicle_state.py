@@ -5,15 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from companion.autopilot.estimator import estimator_valid
 from companion.autopilot.kind import AutopilotKind
 from companion.autopilot.wire import Message
-
-# Bits of ESTIMATOR_STATUS.flags and EKF_STATUS_REPORT.flags: the first eight are the same.
-_ATTITUDE, _VELOCITY_HORIZONTAL, _VELOCITY_VERTICAL = 1, 2, 4
-_POSITION_RELATIVE, _POSITION_ABSOLUTE = 8, 16
-_CONSTANT_POSITION = 128
-_UNINITIALIZED = 1024  # ArduPilot; on PX4 this bit is a GPS glitch
-_ACCELEROMETER_ERROR = 2048  # PX4
 
 LARGEST_INTEGER, LARGEST_NUMBER = 2**64 - 1, 3.5e38
 """Of what MAVLink can say: 64-bit integers and 32-bit floats."""
@@ -89,12 +83,7 @@ def battery_percent(message: Message) -> float | None:
 def position_valid(kind: AutopilotKind, message: Message) -> bool:
     """Of an ESTIMATOR_STATUS (PX4) or EKF_STATUS_REPORT (ArduPilot)."""
     flags = integer(message, "flags")
-    if flags is None:
-        return False
-    needed = _ATTITUDE | _VELOCITY_HORIZONTAL | _VELOCITY_VERTICAL
-    forbidden = _CONSTANT_POSITION | (_ACCELEROMETER_ERROR if kind is AutopilotKind.PX4 else _UNINITIALIZED)
-    has_position = bool(flags & (_POSITION_RELATIVE | _POSITION_ABSOLUTE))
-    return flags & needed == needed and has_position and not flags & forbidden
+    return flags is not None and estimator_valid(kind, flags)
 
 
 def version(message: Message) -> str | None:

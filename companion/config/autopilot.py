@@ -23,10 +23,14 @@ def _link_url(url: str) -> str:
     return url
 
 
+LinkUrl = Annotated[str, AfterValidator(_link_url)]
+"""Where a MAVLink partner is."""
+
+
 class AutopilotSettings(Section):
     """How the flight controller is reached, and what is expected of it."""
 
-    url: Annotated[str, AfterValidator(_link_url)] = Field(
+    url: LinkUrl = Field(
         "udpin://0.0.0.0:14540",
         description="where the flight controller is: udpin://HOST:PORT (listen), udpout://HOST:PORT, "
         "tcpin://HOST:PORT, tcpout://HOST:PORT or serial:///dev/NAME:BAUD",

@@ -32,6 +32,12 @@ class ControlSettings(Section):
     speed_mps: float = Field(0.5, gt=0.0, le=5.0, description="forward speed, in m/s (v_c, and v_M of the assumptions)")
     max_yaw_rate_radps: float = Field(0.6, gt=0.0, le=3.0, description="largest yaw rate, in rad/s (u_M)")
     max_climb_mps: float = Field(0.4, gt=0.0, le=3.0, description="largest climb and descent rate, in m/s")
+    max_accel_mps2: float = Field(
+        1.0,
+        ge=0.2,
+        le=5.0,
+        description="largest growth of the commanded speed and climb, in m/s²; slowing down is never limited",
+    )
     height_m: float = Field(1.5, ge=0.3, le=20.0, description="height above ground, in m (H)")
     margin_m: float = Field(1.0, ge=0.3, le=10.0, description="safety margin to walls, in m (d_s)")
     critical_margin_m: float = Field(

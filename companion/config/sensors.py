@@ -59,7 +59,8 @@ class BeamSettings(Section):
 
     directions: tuple[Beam, ...] = Field(
         (Beam.FRONT, Beam.LEFT, Beam.BACK, Beam.RIGHT, Beam.DOWN, Beam.UP),
-        description="where the beams look: any of front, left, back, right, down, up; down is needed for the height",
+        description="where the beams look: any of front, left, back, right, down, up; down is needed for the height; "
+        "when one of them, except up, falls silent, the vehicle stops: leave out what it can do without",
     )
     rate_hz: float = Field(10.0, ge=1.0, le=200.0, description="readings per second of each beam")
     max_range_m: float = Field(8.0, ge=1.0, le=100.0, description="longest range, in m")

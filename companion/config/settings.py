@@ -6,12 +6,14 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
+from companion.config import safety_rules
 from companion.config.autopilot import AutopilotSettings
 from companion.config.control import ControlSettings
 from companion.config.fleet import FleetSettings
 from companion.config.mapping import MapSettings
 from companion.config.mission import MissionSettings
 from companion.config.record import RecordSettings
+from companion.config.safety import SafetySettings
 from companion.config.section import Section, refuse
 from companion.config.sensors import SensorSettings
 from companion.config.sim import SimSettings
@@ -19,7 +21,7 @@ from companion.config.vehicle import VehicleSettings
 
 
 class Settings(Section):
-    """One vehicle: body, law, sensors, map, group, autopilot, the course of a flight, recording, simulation."""
+    """One vehicle: body, law, sensors, map, group, autopilot, the course of a flight, safety, recording, simulation."""
 
     vehicle: VehicleSettings = Field(VehicleSettings(), description="the airframe")
     control: ControlSettings = Field(ControlSettings(), description="the navigation law")
@@ -28,6 +30,7 @@ class Settings(Section):
     fleet: FleetSettings = Field(FleetSettings(), description="several vehicles")
     autopilot: AutopilotSettings = Field(AutopilotSettings(), description="the flight controller and the link to it")
     mission: MissionSettings = Field(MissionSettings(), description="when a flight begins, and how it ends")
+    safety: SafetySettings = Field(SafetySettings(), description="the gate between this and the flight controller")
     record: RecordSettings = Field(RecordSettings(), description="the flight recording")
     sim: SimSettings = Field(SimSettings(), description="the simulated vehicle and its imperfect sensors")
 
@@ -72,4 +75,19 @@ class Settings(Section):
                 "fleet.largest_group",
                 "control.vertical_margin_m",
             )
+        return self
+
+    @property
+    def hard_limit_m(self) -> float:
+        """Least distance ahead at which the vehicle must have stopped, from the middle of the body, in m."""
+        return safety_rules.hard_limit_m(self.safety, self.vehicle, self.control)
+
+    @model_validator(mode="after")
+    def _gate_fits(self) -> Self:
+        safety_rules.check_limits(self.safety, self.control)
+        safety_rules.check_distance(self.safety, self.vehicle, self.control)
+        safety_rules.check_ages(self.safety, self.control, self.sensors, self.autopilot)
+        safety_rules.check_battery(self.safety, self.mission)
+        safety_rules.check_fence(self.safety, self.control)
+        safety_rules.check_attached(self.safety, self.autopilot)
         return self

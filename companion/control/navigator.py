@@ -14,6 +14,7 @@ from companion.control.governor import governed_speed_mps
 from companion.control.known_ground import KnownGround
 from companion.control.laps import LapCounter
 from companion.control.parameters import Parameters
+from companion.control.ramp import Ramp
 from companion.control.tangents import TangentLedger
 from companion.control.target import Target, TargetKind, world_point
 from companion.model import ABSURD, HIT, Measurement, Mode, Pose, Scan, Setpoint, wrap_rad
@@ -66,6 +67,7 @@ class Navigator:
         self._ground = KnownGround()
         self._choice = Choice(parameters, self._ground)
         self._laps = LapCounter()
+        self._ramp = Ramp(parameters.max_accel_mps2, parameters.period_s)
         self._pause_until_s = -math.inf
         self._turned_rad = 0.0
         self._last_yaw_rad: float | None = None
@@ -93,14 +95,14 @@ class Navigator:
     def step(self, measurement: Measurement, pose: Pose, t_s: float) -> Setpoint:
         """One sampling period: switch the mode if a rule says so, then execute the laws (6), (7) and (12).
 
-        Whatever is missing or not finite stops the vehicle: a setpoint is always finite.
+        A setpoint is always finite, what is missing stops the vehicle, speed and climb grow by ``max_accel_mps2``.
         """
         scan = measurement.scan
         self._holding = bool(measurement.missing) or scan is None or not _is_finite(measurement, pose)
         climb = self._climb_mps(measurement, pose)
         if self._holding or scan is None:
             self._last_yaw_rad = None
-            return Setpoint(t_s, 0.0, climb, 0.0)
+            return self._ramp.limit(Setpoint(t_s, 0.0, climb, 0.0))
         self._count_turning(pose)
         self._choice.see(scan, pose, t_s)
         if self._mode is Mode.CIRCLE:
@@ -109,7 +111,8 @@ class Navigator:
             self._leave_tangent(measurement, pose, t_s)
         elif self._mode is Mode.BOUNDARY:
             self._leave_boundary(measurement, scan, pose, t_s)
-        return Setpoint(t_s, self._speed_mps(measurement, scan, pose), climb, self._yaw_rate_radps(measurement, pose))
+        speed = self._speed_mps(measurement, scan, pose)
+        return self._ramp.limit(Setpoint(t_s, speed, climb, self._yaw_rate_radps(measurement, pose)))
 
     # The laws.
 

@@ -25,6 +25,7 @@ class Parameters:
     speed_mps: float
     max_yaw_rate_radps: float
     max_climb_mps: float
+    max_accel_mps2: float
     height_m: float
     margin_m: float
     critical_margin_m: float

@@ -68,6 +68,7 @@ TICK_SCHEMA = _schema(
     sent="boolean",
     **dict.fromkeys(("speed_mps", "climb_mps", "yaw_rate_radps", "wanted_height_m", "h_m", "roof_m"), _NUMBER),
     **dict.fromkeys(("d_m", "d_bearing_rad", "d_front_m", "d_dot_mps", "ground_slope"), _NUMBER),
+    ahead_m=["number", "string"],
     **dict.fromkeys(("depth_age_s", "ranges_age_s", "pose_age_s"), _NUMBER),
     missing="array",
     duration_s="number",
@@ -138,6 +139,8 @@ class Channels:
                 "d_bearing_rad": _finite(measurement.d_bearing_rad),
                 "d_front_m": _finite(measurement.d_front_m),
                 "d_dot_mps": _finite(measurement.d_dot_mps),
+                # As text when it is no number: free ("inf") and not known ("nan") are two things.
+                "ahead_m": number(measurement.ahead_m),
                 "missing": list(measurement.missing),
                 **{name: _finite(age_s) for name, age_s in ages_s.items()},
                 "duration_s": _finite(tick.duration_s),

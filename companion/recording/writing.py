@@ -19,7 +19,7 @@ from foxglove import Context
 from foxglove.mcap import MCAPWriteOptions, MCAPWriter
 
 from companion.clock import Clock
-from companion.model import Beam, Mode, Observation
+from companion.model import Mode
 from companion.recording.channels import Channels
 from companion.recording.content import FORMAT, METADATA, FlightInfo, Tick
 from companion.recording.file import RecordingFile
@@ -58,7 +58,6 @@ class Writing:
         self.channels = Channels(context, self._wall_ns, self._start_s)
         self.told_of_frames = False
         self._mode: Mode | None = None
-        self._ground_read_s = -math.inf
         self._meter = LoadMeter()
         self._next_scan_s = -math.inf
         self._next_process_s = self._next_flush_s = self._next_sync_s = -math.inf
@@ -70,7 +69,7 @@ class Writing:
             before = "the start" if self._mode is None else self._mode.value
             self.channels.event("mode", f"{before} -> {tick.mode.value}", logging.INFO, observation.t_s)
             self._mode = tick.mode
-        self.channels.tick(tick, number, self._ages_s(tick), with_frame)
+        self.channels.tick(tick, number, _ages_s(tick), with_frame)
         if tick.measurement.scan is not None and observation.t_s >= self._next_scan_s:
             self._next_scan_s = observation.t_s + SCAN_S
             self.channels.scan(tick.measurement.scan, observation.t_s)
@@ -106,24 +105,15 @@ class Writing:
         self._mcap.close()
         self._file.sync()
 
-    def _ages_s(self, tick: Tick) -> dict[str, float]:
-        """How old the inputs were when the tick was done, which is when its setpoint went out."""
-        observation = tick.observation
-        self._ground_read_s = max(self._ground_read_s, _ground_read_s(observation))
-        done_s = observation.t_s + tick.duration_s
-        return {
-            "depth_age_s": tick.measurement.scan_age_s + tick.duration_s,
-            "ranges_age_s": done_s - self._ground_read_s,
-            "pose_age_s": done_s - observation.pose.t_s,
-        }
 
-
-def _ground_read_s(observation: Observation) -> float:
-    """When the beam downward, on which the height rests, measured last."""
-    return max(
-        (reading.t_s for reading in observation.ranges if reading.beam is Beam.DOWN and reading.range_m is not None),
-        default=-math.inf,
-    )
+def _ages_s(tick: Tick) -> dict[str, float]:
+    """How old the inputs were when the tick was done, which is when its setpoint went out."""
+    observation, measurement = tick.observation, tick.measurement
+    return {
+        "depth_age_s": measurement.scan_age_s + tick.duration_s,
+        "ranges_age_s": measurement.ranges_age_s + tick.duration_s,
+        "pose_age_s": observation.t_s + tick.duration_s - observation.pose.t_s,
+    }
 
 
 def _metadata(info: FlightInfo, wall_ns: int, start_s: float) -> dict[str, str]:

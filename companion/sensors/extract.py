@@ -10,8 +10,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from companion.config.sensors import SensorSettings
+from companion.config.vehicle import VehicleSettings
 from companion.model import (
-    ABSURD,
     CLEAR,
     FRONT_RAD,
     HIT,
@@ -22,9 +22,10 @@ from companion.model import (
     Observation,
     PlanarScan,
     Pose,
-    RangeReading,
     Scan,
 )
+from companion.sensors.ahead import AHEAD_MARGIN_M, ahead_m
+from companion.sensors.beams import Beams
 from companion.sensors.depth import Slab, look_ahead
 from companion.sensors.look import Look, bin_bearings
 from companion.sensors.memory import ScanMemory
@@ -46,28 +47,26 @@ class Extractor:
 
     Args:
         settings: sensors and scan.
-        body_height_m: height of the body, which with the slab's margin says what is in the way.
+        vehicle: the body, which with the slab's margin says what is in the way.
     """
 
-    def __init__(self, settings: SensorSettings, body_height_m: float) -> None:
+    def __init__(self, settings: SensorSettings, vehicle: VehicleSettings) -> None:
         self._settings = settings
-        self._slab = Slab(body_height_m / 2.0 + settings.scan.slab_margin_m, settings.scan.max_ground_slope)
+        self._half_width_m = vehicle.body_radius_m + AHEAD_MARGIN_M
+        self._slab = Slab(vehicle.body_height_m / 2.0 + settings.scan.slab_margin_m, settings.scan.max_ground_slope)
         self._bearings_rad = bin_bearings(settings.scan.bins)
         self._memory = ScanMemory(settings.scan.memory_age_s, settings.scan.memory_distance_m)
         self._ahead: Look | None = None
         self._ground_slope: float | None = None
         self._around: Look | None = None
-        self._readings: dict[Beam, tuple[RangeReading, Pose]] = {}
+        self._beams = Beams(settings.beams)
 
     def measure(self, observation: Observation) -> Measurement:
         """The measurement at ``observation.t_s``, from this observation and the memory of the earlier ones."""
         t_s, pose = observation.t_s, observation.pose
-        for reading in observation.ranges:
-            # One that measured nothing does not hide the last one that did: that one ages by itself.
-            if reading.range_m is not None:
-                self._readings[reading.beam] = (reading, pose)
-        h_m = self._height_m(pose, t_s)
-        if observation.frame is not None and h_m is not None and _is_finite(observation.frame.pose):
+        self._beams.hear(observation.ranges, pose)
+        h_m = self._beams.height_m(pose, t_s)
+        if observation.frame is not None and h_m is not None and observation.frame.pose.is_finite:
             h_then_m = h_m + observation.frame.pose.z_m - pose.z_m
             # A jump of the estimate can put the vehicle below the ground: that frame says nothing.
             if 0.0 < h_then_m < FARTHEST_GROUND_M:
@@ -75,24 +74,26 @@ class Extractor:
                     observation.frame, h_then_m, self._slab, self._settings.scan.bins
                 )
                 self._remember(self._ahead)
-        if observation.planar is not None and _is_finite(observation.planar.pose):
+        if observation.planar is not None and observation.planar.pose.is_finite:
             self._around = planar_look(observation.planar, self._settings.scan.bins)
             self._remember(self._around)
         looks = [look for look in (self._ahead, self._around) if look is not None and self._is_fresh(look, t_s)]
         missing = self._missing(pose, t_s, h_m, looks)
-        scan = self._scan(looks, pose, t_s) if looks and _is_finite(pose) else None
+        scan = self._scan(looks, pose, t_s) if looks and pose.is_finite else None
         d_m, d_bearing_rad = _nearest(scan, math.pi) if scan else (None, None)
         return Measurement(
             t_s=t_s,
             scan_age_s=t_s - max((look.t_s for look in looks), default=-math.inf),
             scan=scan,
             h_m=h_m,
-            roof_m=self._beam_m(Beam.UP, pose, t_s),
+            roof_m=self._beams.level_m(Beam.UP, pose, t_s),
             ground_slope=self._ground_slope if self._ahead in looks else None,
             d_m=d_m,
             d_bearing_rad=d_bearing_rad,
             d_front_m=_nearest(scan, FRONT_RAD)[0] if scan else None,
             d_dot_mps=None if d_bearing_rad is None else _closing(pose, d_bearing_rad),
+            ahead_m=ahead_m(scan, self._half_width_m) if scan else math.nan,
+            ranges_age_s=self._beams.oldest_age_s(t_s),
             missing=missing,
         )
 
@@ -105,32 +106,9 @@ class Extractor:
             missing.append("depth")
         if h_m is None:
             missing.append("height")
-        if not 0.0 <= t_s - pose.t_s <= POSE_STALE_S or not _is_finite(pose):
+        if not 0.0 <= t_s - pose.t_s <= POSE_STALE_S or not pose.is_finite:
             missing.append("pose")
         return tuple(missing)
-
-    def _beam_m(self, beam: Beam, pose: Pose, t_s: float) -> float | None:
-        """A beam's range along gravity or the horizon, or None: not there, stale, nothing measured, out of range."""
-        reading, _ = self._readings.get(beam, (None, pose))
-        if reading is None or not 0.0 <= t_s - reading.t_s <= self._settings.beams.stale_after_s:
-            return None
-        range_m = reading.range_m
-        if range_m is None or not 0.0 < range_m < reading.max_range_m or not _is_finite(pose):
-            return None
-        level_m = range_m * math.cos(pose.pitch_rad) * math.cos(pose.roll_rad)
-        # Upside down a beam says nothing of the ground.
-        return level_m if level_m > 0.0 else None
-
-    def _height_m(self, pose: Pose, t_s: float) -> float | None:
-        """H (paper Definition 3.7), tilt compensated, carried on by the climb since the reading."""
-        known = self._readings.get(Beam.DOWN)
-        if known is None:
-            return None
-        height_m = self._beam_m(Beam.DOWN, known[1], t_s)
-        if height_m is None:
-            return None
-        height_m += pose.z_m - known[1].z_m
-        return height_m if math.isfinite(height_m) else None
 
     def _remember(self, look: Look) -> None:
         hits = (look.state == HIT) & (look.ranges_m <= self._settings.scan.memory_look_m)
@@ -160,14 +138,13 @@ class Extractor:
         return scan
 
     def _add_beam(self, scan: Scan, beam: Beam, bearing_rad: float, pose: Pose, t_s: float) -> None:
-        if beam not in self._readings:
+        known = self._beams.fresh(beam, t_s)
+        if known is None:
             return
-        reading, read_at = self._readings[beam]
-        if not 0.0 <= t_s - reading.t_s <= self._settings.beams.stale_after_s:
-            return
+        reading, read_at = known
         bins = scan.bearings_rad.size
         b = int((bearing_rad + math.pi) / (2.0 * math.pi) * bins) % bins
-        range_m = self._beam_m(beam, pose, t_s)
+        range_m = self._beams.level_m(beam, pose, t_s)
         if range_m is None:
             if reading.range_m is not None and reading.range_m >= reading.max_range_m and scan.state[b] == UNKNOWN:
                 scan.ranges_m[b], scan.state[b], scan.fresh[b] = reading.max_range_m, CLEAR, True
@@ -266,10 +243,3 @@ def _closing(pose: Pose, bearing_rad: float) -> float:
     """Rate of the distance to a static point at that bearing: for a wall ahead at speed v it is -v·cos α*."""
     direction_rad = pose.yaw_rad + bearing_rad
     return -(pose.vx_mps * math.cos(direction_rad) + pose.vy_mps * math.sin(direction_rad))
-
-
-def _is_finite(pose: Pose) -> bool:
-    """Whether every number of a pose can be one: points carried by a NaN would be remembered and spread."""
-    rest = (pose.z_m, pose.roll_rad, pose.pitch_rad)
-    # No bound for the time: it counts from the start of the computer, which may be months ago.
-    return math.isfinite(pose.t_s) and pose.is_finite_in_plane and all(abs(value) < ABSURD for value in rest)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections import Counter, deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from companion.clock import Clock
 from companion.model import Beam, Camera, FloatArray, RangeReading
+from companion.sensors.statistics import Stream, StreamStatistics
 
 DEPTH, PLANAR = "depth", "planar"
 STREAMS = (DEPTH, *(beam.value for beam in Beam), PLANAR)
@@ -20,9 +20,6 @@ STREAMS = (DEPTH, *(beam.value for beam in Beam), PLANAR)
 
 FUTURE_S = 0.1
 """A stamp further ahead of our clock than this is wrong: clocks that are aligned disagree by less."""
-
-RATE_WINDOW_S = 2.0
-"""Rates are counted over this time."""
 
 MOST_RAYS = 65536
 """No planar scanner has more rays a turn."""
@@ -42,10 +39,11 @@ WRONG_CAMERA = "camera impossible"
 WRONG_LIMIT = "range limit not positive"
 WRONG_BEARINGS = "bearings not ascending in [-π, π)"
 NOT_POSITIVE = "range or depth below zero, or depth of zero: missing is NaN or None"
-OTHER = "other"
+NO_SURFACE = "shows no surface: nothing measured, too near, or all of it free"
+FROZEN = "repeats an earlier one to the last bit though the vehicle has moved"
 
-_MOST_REASONS = 16
-_MOST_ARRIVALS = 512
+SAMPLE_PX = 8
+"""Of every eighth row every eighth pixel is looked at first: nearly always one of them shows a surface."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,58 +74,6 @@ class Taken:
     planar: RawPlanar | None
 
 
-@dataclass(frozen=True, slots=True)
-class StreamStatistics:
-    """How one stream does.
-
-    Attributes:
-        rate_hz: accepted readings a second, over the last 2 s; up to 256.
-        age_s: time since the newest accepted reading was measured; infinite when there never was one.
-        count: readings accepted since the start.
-        dropped: readings refused since the start.
-        reasons: how many were refused why; they add up to ``dropped``.
-    """
-
-    rate_hz: float
-    age_s: float
-    count: int
-    dropped: int
-    reasons: Mapping[str, int]
-
-
-class _Stream:
-    """What is known of one stream; the sink's lock guards it."""
-
-    def __init__(self) -> None:
-        self.newest_s = -math.inf
-        self.count = 0
-        self.reasons: Counter[str] = Counter()
-        self._first_s = math.inf
-        self._arrivals_s: deque[float] = deque(maxlen=_MOST_ARRIVALS)
-
-    def accept(self, t_s: float, now_s: float) -> None:
-        self.newest_s = t_s
-        self.count += 1
-        self._first_s = min(self._first_s, now_s)
-        self._arrivals_s.append(now_s)
-
-    def refuse(self, reason: str) -> None:
-        known = reason in self.reasons or len(self.reasons) < _MOST_REASONS
-        self.reasons[reason if known else OTHER] += 1
-
-    def statistics(self, now_s: float) -> StreamStatistics:
-        begin_s = max(self._first_s, now_s - RATE_WINDOW_S)
-        # Strictly later than the beginning: n + 1 arrivals from the first on are n periods.
-        arrived = sum(begin_s < arrival_s <= now_s for arrival_s in self._arrivals_s)
-        return StreamStatistics(
-            rate_hz=arrived / (now_s - begin_s) if arrived else 0.0,
-            age_s=now_s - self.newest_s,
-            count=self.count,
-            dropped=self.reasons.total(),
-            reasons=dict(self.reasons),
-        )
-
-
 class SensorSink:
     """Newest-only store between the drivers and the tick.
 
@@ -142,7 +88,7 @@ class SensorSink:
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self._lock = threading.Lock()
-        self._streams = {name: _Stream() for name in STREAMS}
+        self._streams = {name: Stream() for name in STREAMS}
         self._depth: RawDepth | None = None
         self._ranges: dict[Beam, RangeReading] = {}
         self._planar: RawPlanar | None = None
@@ -165,6 +111,8 @@ class SensorSink:
     def planar(self, scan: RawPlanar) -> None:
         """Offer one turn of a planar scanner: bearings ascending in [-π, π); NaN is missing, infinity free."""
         reason = planar_problem(scan)
+        if reason is None and not np.any((scan.ranges_m > 0.0) & (scan.ranges_m < scan.max_range_m)):
+            reason = NO_SURFACE
         with self._lock:
             if self._accepts(PLANAR, scan.t_s, reason):
                 bearings_rad = np.asarray(scan.bearings_rad, np.float64)
@@ -172,7 +120,7 @@ class SensorSink:
                 self._planar = replace(scan, bearings_rad=bearings_rad, ranges_m=ranges_m)
 
     def drop(self, stream: str, reason: str) -> None:
-        """Count a reading which the driver itself had to refuse.
+        """Count a reading which somebody else had to refuse: its driver, or who knows where the vehicle was then.
 
         Args:
             stream: one of `STREAMS`.
@@ -239,7 +187,23 @@ def _depth_problem(frame: RawDepth) -> str | None:
     if depth.dtype != np.float32:
         return WRONG_TYPE
     # fmin passes NaN over: an image without a single measurement has a NaN for its least, which compares false.
-    return NOT_POSITIVE if np.fmin.reduce(depth, axis=None) <= 0.0 else None
+    if np.fmin.reduce(depth, axis=None) <= 0.0:
+        return NOT_POSITIVE
+    return None if _shows_surface(depth, camera) else NO_SURFACE
+
+
+def _shows_surface(depth_m: NDArray[np.float32], camera: Camera) -> bool:
+    """Whether one pixel at least has measured something.
+
+    Underground something is always in view, the floor if nothing else. A camera that shows nothing is covered, blinded
+    or broken, and one cannot tell from its images that there is free space ahead: they are no look at all. Where it is
+    so wide that it is the truth, there is no wall to follow either.
+    """
+
+    def shows(part_m: NDArray[np.float32]) -> bool:
+        return bool(np.any((part_m >= camera.min_range_m) & (part_m < camera.max_range_m)))
+
+    return shows(depth_m[::SAMPLE_PX, ::SAMPLE_PX]) or shows(depth_m)
 
 
 def is_possible(camera: Camera) -> bool:

@@ -14,8 +14,10 @@ import typer
 from companion.clock import MonotonicClock
 from companion.errors import CompanionError, InputError
 from companion.model import Pose
+from companion.safety.signing import load_key
 from sitl.autopilot import PERSONALITIES, Autopilot, Personality, Surroundings
 from sitl.autopilot.endpoint import Address, Endpoint
+from sitl.autopilot.signing import Signing
 
 DEFAULT_TO = ("127.0.0.1:14540", "127.0.0.1:14550", "127.0.0.1:14560")
 """Companion computer, ground station, and the process that shows the vehicle its world."""
@@ -62,6 +64,9 @@ def autopilot(
     ] = None,
     drop: Annotated[float, typer.Option(min=0.0, max=1.0, metavar="SHARE", help="Packets lost, each way.")] = 0.0,
     speed: Annotated[float, typer.Option(min=0.1, max=20.0, metavar="FACTOR", help="Simulated per real time.")] = 1.0,
+    signing_key: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Sign all that is sent, and hear only what is signed with it.")
+    ] = None,
 ) -> None:
     """Be a PX4 or ArduCopter on the network, with a vehicle made of software.
 
@@ -69,6 +74,7 @@ def autopilot(
     taken, 2 for wrong input, 130 after Ctrl-C.
     """
     kind = _personality(personality)
+    signing = None if signing_key is None else _signing(signing_key)
     pose, surroundings = _place(world, seed, start, config, preset)
     values = dict(_parameter(text) for text in param or [])
     if speed != 1.0 and kind.name == "px4":
@@ -96,6 +102,7 @@ def autopilot(
         control_port=control,
         drop_share=drop,
         speed=speed,
+        signing=signing,
     )
     try:
         asyncio.run(_serve(endpoint, kind, addresses))
@@ -132,6 +139,13 @@ def _personality(name: str) -> Personality:
     if name not in PERSONALITIES:
         raise InputError(f"--personality {name}: there are {', '.join(PERSONALITIES)}")
     return PERSONALITIES[name]
+
+
+def _signing(path: Path) -> Signing:
+    try:
+        return Signing(load_key(path))
+    except (OSError, ValueError) as error:
+        raise InputError(f"--signing-key: {error}") from None
 
 
 def _place(

@@ -12,6 +12,7 @@ from contextlib import AsyncExitStack
 from companion.clock import Clock
 from sitl.autopilot.core import STEP_S, Autopilot
 from sitl.autopilot.mavlink import Message
+from sitl.autopilot.signing import Signing
 from sitl.autopilot.wire import LARGEST_DATAGRAM, Decoder, Encoder
 
 log = logging.getLogger(__name__)
@@ -36,6 +37,7 @@ class Endpoint:
         control_port: loopback UDP port for text commands from a test; ``None`` for none.
         drop_share: of packets lost, each way.
         speed: simulated time per real time.
+        signing: ``None``: nothing is signed, and signatures are not looked at.
     """
 
     def __init__(
@@ -49,10 +51,11 @@ class Endpoint:
         control_port: int | None = None,
         drop_share: float = 0.0,
         speed: float = 1.0,
+        signing: Signing | None = None,
     ) -> None:
         self.autopilot = autopilot
         self.bad = 0
-        """Pieces of data that were no message."""
+        """Pieces of data that were no message, or one refused for its signature."""
         self.udp_port: int | None = None
         """The port in use, once `run` has begun."""
         self.tcp_port: int | None = None
@@ -65,7 +68,8 @@ class Endpoint:
         self._drop_share = drop_share
         self._speed = speed
         self._random = random.Random(1)  # noqa: S311 - packet loss, no secret
-        self._encoder = Encoder(autopilot.system_id)
+        self._signing = signing
+        self._encoder = Encoder(autopilot.system_id, signing)
         self._heard_s: dict[Address, float] = {}
         self._clients: set[asyncio.StreamWriter] = set()
         self._udp: asyncio.DatagramTransport | None = None
@@ -133,7 +137,7 @@ class Endpoint:
         if len(data) > LARGEST_DATAGRAM:
             self.bad += 1
             return
-        decoder = Decoder()
+        decoder = Decoder(self._signing)
         messages = decoder.messages(data)
         self.bad += decoder.bad + decoder.unfinished
         if messages:
@@ -163,7 +167,7 @@ class Endpoint:
             writer.close()
             return
         self._clients.add(writer)
-        decoder = Decoder()
+        decoder = Decoder(self._signing)
         try:
             while data := await reader.read(LARGEST_DATAGRAM):
                 for answer in self._received(decoder.messages(data)):

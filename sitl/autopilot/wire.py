@@ -6,6 +6,7 @@ import struct
 from typing import Any
 
 from sitl.autopilot.mavlink import Message, dialect
+from sitl.autopilot.signing import Signing
 
 LARGEST_DATAGRAM = 4096
 """Some fifteen messages; what is longer is nobody's telemetry."""
@@ -13,22 +14,37 @@ _BAD = ("BAD_DATA", "UNKNOWN")
 
 
 class Encoder:
-    """Packs what the autopilot of vehicle ``system_id`` says, with its running sequence number."""
+    """Packs what the autopilot of vehicle ``system_id`` says, with its running sequence number.
 
-    def __init__(self, system_id: int) -> None:
+    Args:
+        system_id: of the vehicle.
+        signing: signs all of it.
+    """
+
+    def __init__(self, system_id: int, signing: Signing | None = None) -> None:
         self._mavlink = dialect.MAVLink(None, system_id, 1)
+        self._signing = signing
+        if signing is not None:
+            signing.attach(self._mavlink)
 
     def bytes(self, message: Message) -> bytes:
         """One packet."""
+        if self._signing is not None:
+            self._signing.advance()
         packet: bytes = message.pack(self._mavlink)
         self._mavlink.seq = (self._mavlink.seq + 1) % 256
         return packet
 
 
 class Decoder:
-    """Finds the messages in a stream of bytes; datagrams get one each, so that none spoils the next."""
+    """Finds the messages in a stream of bytes; datagrams get one each, so that none spoils the next.
 
-    def __init__(self) -> None:
+    Args:
+        signing: checks each.
+    """
+
+    def __init__(self, signing: Signing | None = None) -> None:
+        self._signing = signing
         self._mavlink = self._new()
         self.bad = 0
         """Pieces that were no message."""
@@ -51,8 +67,9 @@ class Decoder:
         """Whether a message has begun and not ended: in a datagram, a truncated one."""
         return bool(len(self._mavlink.buf) > self._mavlink.buf_index)
 
-    @staticmethod
-    def _new() -> Any:
+    def _new(self) -> Any:
         mavlink = dialect.MAVLink(None)
         mavlink.robust_parsing = True
+        if self._signing is not None:
+            self._signing.attach(mavlink)
         return mavlink

@@ -30,7 +30,7 @@ def fly(
     ] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="New folder; else one under runs/.")] = None,
 ) -> None:
-    """Fly the application over MAVLink in real time: autopilot, world and application as processes of their own.
+    """Fly the application over MAVLink in real time: autopilot, world, gate and application as processes of their own.
 
     Leaves recording, map, logs and the truth in a folder. The exit code is 0 when the map is complete and no wall was
     touched, 1 when the flight ended otherwise, 2 for wrong input, 130 after Ctrl-C.

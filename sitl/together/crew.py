@@ -108,7 +108,7 @@ class Crew:
                 raise CrewError(f"the process {name} ended too soon; its words: {self._words(name)}")
 
     def application(self, *options: str) -> list[str]:
-        """The command that flies."""
+        """The command that flies: it becomes the gate, and the application is its child."""
         return [*command("run"), "--config", str(self.config), "--seed", str(self.plan.seed), *options]
 
     def _write_config(self) -> None:

@@ -151,6 +151,8 @@ def measurement(
         d_bearing_rad=d_bearing_rad,
         d_front_m=d_front_m,
         d_dot_mps=d_dot_mps,
+        ahead_m=math.nan,
+        ranges_age_s=0.0,
         missing=missing,
     )
 

@@ -18,6 +18,9 @@ from tests.control.scene import BEARINGS_RAD, BINS, law_parameters, measurement,
 ALWAYS, NEVER = 1.0 - 1e-12, 1e-12
 """Probabilities of a tangent that leave nothing to chance in a test, and still lie strictly between 0 and 1."""
 
+AT_ONCE_MPS2 = 1e6
+"""An acceleration that limits nothing."""
+
 QUARTER = math.pi / 2.0
 ORIGIN = Pose(0.0, 0.0, 0.0, 1.5, 0.0)
 DT_S = law_parameters().period_s
@@ -42,9 +45,13 @@ class Fixed(np.random.Generator):
 
 
 def navigator_with(seed: int = 0, rng: np.random.Generator | None = None, **changes: Any) -> Navigator:
-    """A navigator that has just been switched on, with the paper's coin and speed law unless told otherwise."""
+    """A navigator that has just been switched on, with the paper's coin and speed law unless told otherwise.
+
+    Its speed and climb may jump, so that one step shows what the laws say.
+    """
     law = {"choice": "coin", "speed_law": "paper", **changes}
-    return Navigator(law_parameters(**law), rng or np.random.default_rng(seed))
+    parameters = replace(law_parameters(**law), max_accel_mps2=AT_ONCE_MPS2)
+    return Navigator(parameters, rng or np.random.default_rng(seed))
 
 
 def mode_of(navigator: Navigator) -> Mode:

@@ -53,12 +53,12 @@ def test_what_is_missing_or_not_finite_stops_the_vehicle(wrong: str, mode: Mode,
     before = navigator.status
     look = replace(beside(1), h_m=1.4)
     told, pose = BROKEN[wrong](look, ORIGIN)
-    setpoint = navigator.step(told, pose, 0.0)
+    setpoint = navigator.step(told, pose, DT_S)
     assert (setpoint.speed_mps, setpoint.yaw_rate_radps) == (0.0, 0.0)
     # g·(H - h) = 1/s · 0.1 m, rounded.
     assert setpoint.climb_mps == pytest.approx(0.1, abs=1e-12)
     assert navigator.status == replace(before, mode=Mode.HOLD)
-    navigator.step(look, ORIGIN, DT_S)
+    navigator.step(look, ORIGIN, 2.0 * DT_S)
     assert navigator.status == before
 
 
@@ -135,6 +135,8 @@ nasty_ticks = st.tuples(
         d_bearing_rad=nasty | st.floats(-math.pi, math.pi),
         d_front_m=nasty | st.floats(0.0, 5.0),
         d_dot_mps=nasty | st.floats(-1.0, 1.0),
+        ahead_m=numbers,
+        ranges_age_s=numbers,
         missing=st.sampled_from([(), (), (), ("depth",)]),
     ),
     st.builds(

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import time
 from pathlib import Path
 
 import pytest
 
+from companion.autopilot.kind import AutopilotKind
+from companion.autopilot.personality import DO_SET_MODE
+from companion.autopilot.personality import personality as modes_of
+from sitl.autopilot.mavlink import dialect as m
 from sitl.together.crew import command, free_udp_ports
 from tests.integration.relay import LOOPBACK
 from tests.integration.rig import PERSONALITIES, PILOTS_MODE, Stub, process, take_over
@@ -42,7 +47,7 @@ def test_ctrl_c_lands_and_writes_everything(tmp_path: Path) -> None:
     """Protects the operator's way to end a flight: an interrupt is an order to land, not the end of the program."""
     with flown(tmp_path, "px4") as flight:
         flight.explore_for(2.0)
-        flight.application.send_signal(signal.SIGINT)
+        flight.gate.send_signal(signal.SIGINT)
         assert flight.exit_code() == 130
         flight.witness.wait("landed and disarmed", lambda: not flight.witness.armed, 3.0)
         assert "land" in {beat.mode for beat in flight.witness.beats}
@@ -54,11 +59,14 @@ def test_ctrl_c_lands_and_writes_everything(tmp_path: Path) -> None:
 @pytest.mark.flight
 @pytest.mark.timeout(150)
 @pytest.mark.parametrize("personality", PERSONALITIES)
-def test_an_application_that_is_killed_leaves_a_vehicle_that_stands_still(personality: str, tmp_path: Path) -> None:
-    """Protects against the death of the application itself: --fix has told the autopilot what to do then."""
+def test_a_gate_that_is_killed_leaves_a_vehicle_that_stands_still(personality: str, tmp_path: Path) -> None:
+    """Protects against the death of the gate itself: --fix has told the autopilot what to do then.
+
+    And against losing what was flown for: the application writes the map, and says why it ended.
+    """
     with flown(tmp_path, personality) as flight:
         flight.explore_for(3.0)
-        flight.application.kill()
+        flight.gate.kill()
         killed_s = time.monotonic()
         assert flight.exit_code() == -signal.SIGKILL
         time.sleep(4.0)
@@ -69,10 +77,45 @@ def test_an_application_that_is_killed_leaves_a_vehicle_that_stands_still(person
         assert min(pose.z_m for pose in still) > 1.0
         assert flight.witness.mode == {"px4": "hold", "ardupilot": "guided"}[personality]
         assert flight.crew.score()["contacts"] == 0
-        give_up_s = time.monotonic() + 10.0
-        while (left := family(flight.application.pid)) and time.monotonic() < give_up_s:
+        give_up_s = time.monotonic() + 30.0
+        while (left := family(flight.gate.pid)) and time.monotonic() < give_up_s:
             time.sleep(0.1)
-        assert left == [], "recorder and map do not outlive it"
+        assert left == [], "the application ends by itself; recorder and map do not outlive it"
+        assert "gate: gone" in flight.said()
+        assert "gate lost" in flight.summary()["ended_because"]
+        assert list(flight.folder.glob("map*")), "the map came home"
+
+
+@pytest.mark.flight
+@pytest.mark.timeout(170)
+@pytest.mark.parametrize("personality", PERSONALITIES)
+def test_an_application_that_is_killed_is_stopped_landed_and_not_flown_again(personality: str, tmp_path: Path) -> None:
+    """Protects against the death of the application: the gate stops the vehicle, and whoever comes to it is safe."""
+    with flown(tmp_path, personality) as flight:
+        flight.explore_for(3.0)
+        before = flight.application()
+        os.kill(before, signal.SIGKILL)
+        killed_s = time.monotonic()
+        time.sleep(1.6)
+        stopping = [pose for pose in tuple(flight.witness.poses) if pose.t_s > killed_s + 1.3]
+        assert len(stopping) > 5
+        assert max(map(speed_mps, stopping)) < SPEED_MPS
+        assert apart_m(flight.witness.pose_at(killed_s), stopping[-1]) < 0.5
+        flight.witness.wait("held", lambda: flight.witness.mode in ("hold", "brake"), 5.0)
+        flight.witness.wait("landed and disarmed", lambda: not flight.witness.armed, 45.0)
+        assert flight.crew.score()["contacts"] == 0
+
+        # The checks refuse a vehicle whose mode lands by itself: a person chooses another.
+        ours = modes_of(AutopilotKind(personality))
+        standing = ours.hold if personality == "px4" else ours.offboard
+        asked = (*ours.set_mode_parameters(standing), 0.0, 0.0, 0.0, 0.0)
+        flight.witness.send(m.MAVLink_command_long_message(1, 1, DO_SET_MODE, 0, *asked))
+        flight.wait_for("ready: waiting for MAV_CMD_MISSION_START", 60.0)
+        assert flight.application() != before
+        time.sleep(3.0)
+        assert not flight.witness.armed, "what was started by --start now before waits for a person now"
+        flight.gate.send_signal(signal.SIGTERM)
+        assert flight.exit_code() == 130
 
 
 @pytest.mark.timeout(120)

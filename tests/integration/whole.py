@@ -1,4 +1,4 @@
-"""The application as it is flown: a process of its own, beside the stub and the world, in a room that is soon seen."""
+"""The application as it is flown: behind its gate, beside the stub and the world, in a room that is soon seen."""
 
 from __future__ import annotations
 
@@ -51,16 +51,31 @@ def room(folder: Path) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class Flown:
-    """A flight that has begun: everything that can be asked of it."""
+    """A flight that has begun: everything that can be asked of it.
+
+    Attributes:
+        crew: autopilot and world.
+        gate: what `companion run` is: the safety gate, with the application as its child.
+        witness: looks on.
+        log: what gate and application say.
+    """
 
     crew: Crew
-    application: subprocess.Popen[bytes]
+    gate: subprocess.Popen[bytes]
     witness: Witness
     log: Path
 
     def wait_for(self, words: str, timeout_s: float = START_S) -> None:
-        """Until the application has said them."""
-        wait_for_words(self.log, self.application, words, timeout_s)
+        """Until they have been said."""
+        wait_for_words(self.log, self.gate, words, timeout_s)
+
+    def application(self) -> int:
+        """The process id of the application that the gate has started."""
+        for pid in family(self.gate.pid):
+            with contextlib.suppress(OSError):
+                if b"companion.flight_process" in (Path("/proc") / str(pid) / "cmdline").read_bytes().split(b"\0"):
+                    return pid
+        pytest.fail(f"the application does not run: {self.said()[-1500:]}")
 
     def explore_for(self, duration_s: float) -> None:
         """Until it has been exploring for so long, and really flies."""
@@ -70,14 +85,14 @@ class Flown:
         assert self.witness.pose().z_m > 1.0
 
     def exit_code(self, timeout_s: float = END_S) -> int:
-        """Of the application, once it has ended."""
+        """Of the gate, which is that of the application, once both have ended."""
         try:
-            return self.application.wait(timeout_s)
+            return self.gate.wait(timeout_s)
         except subprocess.TimeoutExpired:
-            pytest.fail(f"the application did not end in {timeout_s:g} s: {self.said()[-1500:]}")
+            pytest.fail(f"the flight did not end in {timeout_s:g} s: {self.said()[-1500:]}")
 
     def said(self) -> str:
-        """Everything that the application has said."""
+        """Everything that gate and application have said."""
         return self.log.read_text(encoding="utf-8", errors="replace")
 
     @property
@@ -94,7 +109,7 @@ class Flown:
 
 @contextlib.contextmanager
 def flown(folder: Path, personality: str, gps: bool = True, time_limit_s: float = 120.0) -> Iterator[Flown]:
-    """Autopilot, world and application, started; all of them end with the block."""
+    """Autopilot, world, gate and application, started; all of them end with the block."""
     plan = FlightPlan(
         folder=folder,
         personality=personality,
@@ -110,12 +125,12 @@ def flown(folder: Path, personality: str, gps: bool = True, time_limit_s: float 
     with (
         Crew(plan) as crew,
         Witness(crew.to_ground) as witness,
-        process(log, crew.application("--fix")) as application,
+        process(log, crew.application("--fix")) as gate,
     ):
         try:
-            yield Flown(crew, application, witness, log)
+            yield Flown(crew, gate, witness, log)
         finally:
-            end_family(application.pid)
+            end_family(gate.pid)
 
 
 def family(group: int) -> list[int]:
@@ -132,6 +147,6 @@ def family(group: int) -> list[int]:
 
 
 def end_family(group: int) -> None:
-    """End what an application that was killed may have left, whose children cannot be told otherwise."""
+    """End what a gate that was killed may have left, whose children cannot be told otherwise."""
     with contextlib.suppress(ProcessLookupError):
         os.killpg(group, signal.SIGKILL)

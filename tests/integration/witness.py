@@ -14,8 +14,7 @@ from typing import Any
 
 import pytest
 
-from companion.autopilot.kind import AutopilotKind
-from companion.autopilot.neighbours import KINDS
+from companion.autopilot.kind import KINDS, AutopilotKind
 from companion.autopilot.personality import ARMED_FLAG, mode_name
 from companion.frames import NedPose, pose_from_ned
 from companion.model import Pose

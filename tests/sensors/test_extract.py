@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from companion.config.sensors import BeamSettings, CameraSettings, ScanSettings, SensorSettings
+from companion.config.vehicle import VehicleSettings
 from companion.model import (
     CLEAR,
     FRONT_RAD,
@@ -37,7 +38,7 @@ from tests.sensors.scenes import AT_START, FLOOR, H_M, ROOF, Surface, between, f
 SMALL = CameraSettings(width_px=64, height_px=48)
 CAMERA = SMALL.model()
 SETTINGS = SensorSettings(camera=SMALL)
-BODY_HEIGHT_M = 0.3
+VEHICLE = VehicleSettings(body_radius_m=0.35, body_height_m=0.3)
 BEAM_LIMIT_M = SETTINGS.beams.max_range_m
 BEAM_STALE_S = SETTINGS.beams.stale_after_s
 DEPTH_STALE_S = SETTINGS.scan.stale_after_s
@@ -54,7 +55,7 @@ DOWN = {Beam.DOWN: H_M}
 
 
 def extractor(sensors: SensorSettings = SETTINGS) -> Extractor:
-    return Extractor(sensors, BODY_HEIGHT_M)
+    return Extractor(sensors, VEHICLE)
 
 
 def readings(t_s: float, ranges_m: Mapping[Beam, float | None]) -> tuple[RangeReading, ...]:
@@ -541,8 +542,10 @@ def assert_finite(measured: Measurement) -> None:
     """Every float is finite or None, and the scan is one that the law can read."""
     for field in fields(measured):
         value = getattr(measured, field.name)
-        if isinstance(value, float) and field.name != "scan_age_s":
+        if isinstance(value, float) and field.name not in ("scan_age_s", "ranges_age_s", "ahead_m"):
             assert math.isfinite(value), (field.name, value)
+    assert measured.ranges_age_s >= 0.0
+    assert math.isnan(measured.ahead_m) or measured.ahead_m >= 0.0
     assert math.isfinite(measured.scan_age_s) or "depth" in measured.missing
     assert not math.isnan(measured.scan_age_s)
     if measured.scan is None:

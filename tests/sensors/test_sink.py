@@ -80,6 +80,13 @@ def test_a_depth_image_is_not_copied(sink: SensorSink) -> None:
         pytest.param(frame(depth_m=DEPTH_M.astype(np.float64)), words.WRONG_TYPE, id="float64"),
         pytest.param(frame(depth_m=DEPTH_M * 0), words.NOT_POSITIVE, id="zero for missing"),
         pytest.param(frame(depth_m=-DEPTH_M), words.NOT_POSITIVE, id="behind the camera"),
+        pytest.param(frame(depth_m=DEPTH_M * np.nan), words.NO_SURFACE, id="nothing measured"),
+        pytest.param(frame(depth_m=DEPTH_M * np.inf), words.NO_SURFACE, id="all free"),
+        pytest.param(frame(depth_m=DEPTH_M * 5.0), words.NO_SURFACE, id="all at the limit"),
+        pytest.param(frame(depth_m=DEPTH_M * 0.1), words.NO_SURFACE, id="all too near: a covered lens"),
+        pytest.param(
+            frame(depth_m=np.array([[np.nan, np.inf, 10.0, 0.1]] * 3, np.float32)), words.NO_SURFACE, id="a mixture"
+        ),
         pytest.param(frame(camera=replace(CAMERA, fx_px=0.0)), words.WRONG_CAMERA, id="no focal length"),
         pytest.param(frame(camera=replace(CAMERA, cx_px=math.nan)), words.WRONG_CAMERA, id="NaN in the camera"),
         pytest.param(frame(camera=replace(CAMERA, max_range_m=0.2)), words.WRONG_CAMERA, id="limits swapped"),
@@ -131,6 +138,8 @@ def test_an_impossible_range_is_refused_and_counted(sink: SensorSink, bad: Range
         pytest.param(scan(bearings_rad=np.array([-1.0, np.nan, 1.0])), words.WRONG_BEARINGS, id="a NaN among them"),
         pytest.param(scan(ranges_m=np.array([1.0, np.nan, -1.0])), words.NOT_POSITIVE, id="negative"),
         pytest.param(scan(max_range_m=-1.0), words.WRONG_LIMIT, id="negative limit"),
+        pytest.param(scan(ranges_m=np.zeros(3)), words.NO_SURFACE, id="all zero"),
+        pytest.param(scan(ranges_m=np.array([np.nan, np.inf, 10.0])), words.NO_SURFACE, id="nothing near, or unknown"),
     ],
 )
 def test_an_impossible_planar_scan_is_refused_and_counted(sink: SensorSink, bad: RawPlanar, reason: str) -> None:
@@ -174,11 +183,21 @@ def test_planar_scans_keep_nan_and_lose_infinity(sink: SensorSink) -> None:
     np.testing.assert_array_equal(taken.ranges_m, [np.nan, 10.0, 3.0])
 
 
-def test_an_image_may_hold_nan_and_infinity(sink: SensorSink) -> None:
-    """Missing and seen free are no errors, not even when there is nothing else."""
-    sink.depth(frame(depth_m=np.array([[np.nan, np.inf, 2.0, 11.0]] * 3, np.float32)))
+@pytest.mark.parametrize("at", [0, 3, 4, 11])
+def test_an_image_may_hold_nan_and_infinity(sink: SensorSink, at: int) -> None:
+    """Missing and seen free are no errors beside a single pixel that shows a surface, wherever it is."""
+    depth_m = np.array([[np.nan, np.inf, 10.0, 11.0]] * 3, np.float32)
+    depth_m.flat[at] = 2.0
+    sink.depth(frame(depth_m=depth_m))
     assert sink.take().depth is not None
-    sink.depth(frame(NOW_S + 0.05, depth_m=np.full((3, 4), np.nan, np.float32)))
+
+
+def test_one_pixel_among_many_is_found(sink: SensorSink) -> None:
+    """Only some are looked at first: what lies between them must count as well."""
+    large = replace(CAMERA, width_px=64, height_px=48, cx_px=31.5, cy_px=23.5)
+    depth_m = np.full((48, 64), np.nan, np.float32)
+    depth_m[13, 27] = 2.0
+    sink.depth(RawDepth(NOW_S, depth_m, large))
     assert sink.take().depth is not None
 
 

@@ -25,6 +25,8 @@ KNOWN = Measurement(
     d_bearing_rad=1.0,
     d_front_m=0.95,
     d_dot_mps=0.0,
+    ahead_m=3.0,
+    ranges_age_s=0.05,
 )
 UNKNOWN = Measurement(
     t_s=1.25,
@@ -37,6 +39,8 @@ UNKNOWN = Measurement(
     d_bearing_rad=None,
     d_front_m=None,
     d_dot_mps=None,
+    ahead_m=float("nan"),
+    ranges_age_s=float("inf"),
     missing=("depth", "height"),
 )
 EXPECTED = {

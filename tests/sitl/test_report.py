@@ -47,7 +47,7 @@ def flight(ticks: int, vehicle_id: int = 1) -> FlightLog:
         t_s, angle = 0.05 * k, 2.0 * math.pi * k / max(ticks, 1)
         pose = Pose(t_s, 4.0 + 2.5 * math.cos(angle), 2.5 + 1.2 * math.sin(angle), 1.5, 0.0)
         d_m = None if k % 50 == 0 else 1.3 + 0.2 * math.sin(3.0 * angle)
-        measurement = Measurement(t_s, 0.0, None, 1.5, None, None, d_m, None, d_m, None)
+        measurement = Measurement(t_s, 0.0, None, 1.5, None, None, d_m, None, d_m, None, math.nan, 0.0)
         log.append(pose, pose, measurement, modes[4 * k // ticks], Setpoint(t_s, 0.5, 0.0, 0.0), 0.5)
     log.column("true_d_m")[::2] = 1.3
     return log

@@ -37,7 +37,7 @@ _BUSY_MODES = frozenset(
 
 
 class Statistics(Protocol):
-    """What is known of a sensor's stream, as `companion.sensors.sink.StreamStatistics` has it."""
+    """What is known of a sensor's stream, as `companion.sensors.statistics.StreamStatistics` has it."""
 
     @property
     def rate_hz(self) -> float:

@@ -32,8 +32,8 @@ def distance(**changed: Any) -> dict[str, Any]:
 
 
 def obstacles(**changed: Any) -> dict[str, Any]:
-    """An OBSTACLE_DISTANCE of 72 sectors of 5° with nothing known."""
-    fields: dict[str, Any] = {"time_usec": 0, "sensor_type": 0, "distances": [65535] * 72, "increment": 5}
+    """An OBSTACLE_DISTANCE of 72 sectors of 5° with something 3 m ahead and nothing else known."""
+    fields: dict[str, Any] = {"time_usec": 0, "sensor_type": 0, "distances": [300] + [65535] * 71, "increment": 5}
     fields |= {"min_distance": 20, "max_distance": 1000, "increment_f": 0.0, "angle_offset": 0.0, "frame": 12}
     return fields | changed
 

@@ -1,0 +1,74 @@
+"""Single-beam rangefinders: the last word of each, what it says of height and roof, and how long it has been silent."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from companion.config.sensors import BeamSettings
+from companion.model import Beam, Pose, RangeReading
+
+
+class Beams:
+    """Keeps the newest reading of each beam, and the pose at which it came.
+
+    Args:
+        settings: which beams there are, and how long a reading counts.
+    """
+
+    def __init__(self, settings: BeamSettings) -> None:
+        self._stale_after_s = settings.stale_after_s
+        # The law flies on without the roof: it only makes the vehicle fly lower.
+        self._counted_on = tuple(beam for beam in settings.directions if beam is not Beam.UP)
+        self._readings: dict[Beam, tuple[RangeReading, Pose]] = {}
+        self._heard_s: dict[Beam, float] = {}
+
+    def hear(self, readings: Iterable[RangeReading], pose: Pose) -> None:
+        """Take what came in a tick, with the pose of that tick."""
+        for reading in readings:
+            # One that measured nothing does not hide the last one that did: that one ages by itself.
+            if reading.range_m is not None:
+                self._readings[reading.beam] = (reading, pose)
+            # A beam beside that sees nothing has spoken: it may look down a drift. Below there is always a ground.
+            if reading.beam is not Beam.DOWN or _measured_m(reading) is not None:
+                self._heard_s[reading.beam] = reading.t_s
+
+    def fresh(self, beam: Beam, t_s: float) -> tuple[RangeReading, Pose] | None:
+        """The newest reading that is one, and the pose when it came; None when it is too old or from the future."""
+        known = self._readings.get(beam)
+        return known if known is not None and 0.0 <= t_s - known[0].t_s <= self._stale_after_s else None
+
+    def level_m(self, beam: Beam, pose: Pose, t_s: float) -> float | None:
+        """A beam's range along gravity or the horizon, or None: not there, stale, nothing measured, out of range."""
+        known = self.fresh(beam, t_s)
+        range_m = None if known is None else _measured_m(known[0])
+        if range_m is None or not pose.is_finite:
+            return None
+        level_m = range_m * math.cos(pose.pitch_rad) * math.cos(pose.roll_rad)
+        # Upside down a beam says nothing of the ground.
+        return level_m if level_m > 0.0 else None
+
+    def height_m(self, pose: Pose, t_s: float) -> float | None:
+        """H (paper Definition 3.7), tilt compensated, carried on by the climb since the reading."""
+        known = self._readings.get(Beam.DOWN)
+        if known is None:
+            return None
+        height_m = self.level_m(Beam.DOWN, known[1], t_s)
+        if height_m is None:
+            return None
+        height_m += pose.z_m - known[1].z_m
+        return height_m if math.isfinite(height_m) else None
+
+    def oldest_age_s(self, t_s: float) -> float:
+        """How long that configured beam has been silent which has been so longest; the one upward is not counted on.
+
+        Infinite when one never spoke, or its last word has a stamp from the future: that says nothing of its age.
+        """
+        ages_s = (t_s - self._heard_s.get(beam, -math.inf) for beam in self._counted_on)
+        return max(age_s if age_s >= 0.0 else math.inf for age_s in ages_s)
+
+
+def _measured_m(reading: RangeReading) -> float | None:
+    """The range at which something is; None at zero, as many say "nothing", and at the limit, where it is free."""
+    range_m = reading.range_m
+    return range_m if range_m is not None and 0.0 < range_m < reading.max_range_m else None

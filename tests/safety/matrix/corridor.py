@@ -1,0 +1,32 @@
+"""The place of the flights: a dead end, which the vehicle faces."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+LENGTH_M, WIDTH_M, HEIGHT_M = 14.0, 4.0, 3.0
+TO_WALL_M = 4.0
+"""From the start to the wall ahead: 2.5 m at full speed before the fault, and little time lost on the way."""
+_CORNERS_OF_TRIANGLES = (
+    (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4),
+    (1, 5, 7), (1, 7, 3),
+)  # fmt: skip
+
+
+def corridor(folder: Path) -> Path:
+    """A box as a mesh file, along x, with its start beside it."""
+    half_m = LENGTH_M / 2.0
+    corners = [(x, y, z) for x in (-half_m, half_m) for y in (-WIDTH_M / 2.0, WIDTH_M / 2.0) for z in (0.0, HEIGHT_M)]
+    header = [
+        *("ply", "format ascii 1.0", f"element vertex {len(corners)}"),
+        *(f"property float {axis}" for axis in "xyz"),
+        *(f"element face {len(_CORNERS_OF_TRIANGLES)}", "property list uchar int vertex_indices", "end_header"),
+    ]
+    rows = [" ".join(map(str, corner)) for corner in corners]
+    rows += [" ".join(map(str, (3, *triangle))) for triangle in _CORNERS_OF_TRIANGLES]
+    file = folder / "corridor.ply"
+    file.write_text("\n".join([*header, *rows, ""]), encoding="ascii")
+    start = {"x": half_m - TO_WALL_M, "y": 0.0, "z": 1.5, "yaw": 0.0}
+    file.with_suffix(".json").write_text(json.dumps({"start": start}), encoding="utf-8")
+    return file

@@ -1,0 +1,68 @@
+"""Fly one cell of the matrix."""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from tests.safety.matrix.faults import BY_NAME
+from tests.safety.matrix.injection import Injection
+from tests.safety.matrix.outcome import Outcome, judged
+from tests.safety.matrix.scene import SceneError, approach, flying
+
+ATTEMPTS = 3
+"""A flight that does not come as far as its fault, on a computer that is busy with others, is flown once more."""
+
+PR_SET_PDEATHSIG = 1
+
+
+def end_with_parent() -> None:
+    """However this process ends, or the one that started it: the processes of a flight end with it."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, int(signal.SIGTERM))
+
+
+def fly(name: str, personality: str, parent: Path | None = None) -> Outcome:
+    """One fault with one personality.
+
+    Args:
+        name: of the fault.
+        personality: px4 or ardupilot.
+        parent: where the flight's folder goes, and stays; None: it is deleted.
+
+    Raises:
+        SceneError: it never came as far as the fault.
+    """
+    injection = BY_NAME[name]
+    for attempt in range(1, ATTEMPTS + 1):
+        folder = Path(tempfile.mkdtemp(prefix=f"{name.replace(' ', '-')}-{personality}-", dir=parent))
+        try:
+            return dataclasses.replace(_fly(injection, personality, folder), attempts=attempt)
+        except SceneError:
+            if attempt == ATTEMPTS:
+                raise
+        finally:
+            if parent is None:
+                shutil.rmtree(folder, ignore_errors=True)
+    raise AssertionError("there is always a last attempt")
+
+
+def _fly(injection: Injection, personality: str, folder: Path) -> Outcome:
+    with flying(folder, personality, injection.settings) as flight:
+        approach(flight)
+        if injection.careless:
+            flight.tell_flyer("careless")
+        fault_s = time.monotonic()
+        injection.inject(flight)
+        time.sleep(max(0.0, fault_s + injection.watch_s - time.monotonic()))
+        end_s = time.monotonic()
+        verified = None if injection.verify is None else injection.verify(flight)
+        if injection.undo is not None:
+            injection.undo(flight)
+    return judged(flight, injection, fault_s, end_s, verified)

@@ -1,0 +1,1 @@
+"""The parts of the gate, one at a time."""

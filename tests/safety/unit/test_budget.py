@@ -1,0 +1,164 @@
+"""The stopping budget: its arithmetic, its worst speeds, and the measurements that it rests on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from companion.config.settings import Settings
+from companion.gate_plan import to_basis, to_plan
+from companion.safety.budget import (
+    CYCLE_S,
+    FAILSAFE_BRAKE_MPS2,
+    LAW_FLIES,
+    SILENCE_EXTRA_S,
+    BudgetLine,
+    Law,
+    lines_at,
+    stopping_budget,
+)
+from companion.safety.faults import Fault, Stage
+from companion.safety.plan import Plan, Reaction
+
+SETTINGS = Settings()
+PLAN = to_plan(SETTINGS, command=(), restart_command=())
+BASIS = to_basis(SETTINGS)
+SPEED_MPS = PLAN.limits.speed_mps
+GRID = 60
+
+
+def line_of(name: str, plan: Plan = PLAN, speed_mps: float = SPEED_MPS) -> BudgetLine:
+    return next(line for line in lines_at(speed_mps, plan, BASIS) if line.fault == name)
+
+
+def answered(fault: Fault, stage: Stage) -> Plan:
+    return replace(PLAN, reactions=PLAN.reactions | {fault: Reaction(stage, None, None)})
+
+
+def test_every_fault_and_the_end_of_the_gate_have_a_line() -> None:
+    """A fault that is not in the table is not in the safety case."""
+    names = [line.fault for line in stopping_budget(PLAN, BASIS)]
+    assert names == [*(fault.value for fault in Fault), "gate killed", "computer dead", "link cut"]
+
+
+def test_the_default_leaves_room_for_every_fault() -> None:
+    """What ships must not be able to reach a wall; 4 cm is what is left of the least."""
+    least = min(stopping_budget(PLAN, BASIS), key=lambda line: line.remaining_m)
+    assert not any(line.reaches_wall for line in stopping_budget(PLAN, BASIS))
+    assert least.remaining_m == pytest.approx(0.044, abs=0.001)
+
+
+def test_the_sum_by_hand() -> None:
+    """Depth at 0.55 m/s: 0.55·(0.6 + 0.06 + 0.15) + 0.55²/1.6 = 0.6346; allowed 0.7 + 0.55·0.4 + 0.55²/1.6 = 1.1091."""
+    line = line_of("depth_stale")
+    assert (line.detection_s, line.autopilot_s) == (0.6, 0.15)
+    assert line.reaction_s == pytest.approx(CYCLE_S + 0.05)
+    assert line.distance_m == pytest.approx(0.6346, abs=1e-4)
+    assert line.allowed_m == pytest.approx(1.1091, abs=1e-4)
+    assert line.remaining_m == pytest.approx(1.1091 - 0.6346 - 0.35, abs=1e-4)
+
+
+@pytest.mark.parametrize(("speed_mps", "measured_m"), [(0.5, 0.54), (0.5, 0.4)])
+def test_silence_covers_what_the_autopilots_were_measured_to_do(speed_mps: float, measured_m: float) -> None:
+    """0.5 s of silence at 0.5 m/s: ArduCopter stood after 0.54 m, PX4 after 0.4 m, without the age of the pose."""
+    line = line_of("gate killed", speed_mps=speed_mps)
+    assert line.detection_s == pytest.approx(0.5 + SILENCE_EXTRA_S + BASIS.pose_fresh_s)
+    assert line.distance_m - speed_mps * BASIS.pose_fresh_s >= measured_m
+
+
+def test_a_stop_covers_what_px4_was_measured_to_do() -> None:
+    """Zero velocity at 0.42 m/s: 0.15 m until it stood."""
+    line = line_of("pose_jump", speed_mps=0.42)
+    assert 0.42 * line.autopilot_s + 0.42**2 / (2.0 * line.brake_mps2) >= 0.15
+
+
+def test_a_vehicle_that_brakes_badly_does_so_in_a_failsafe() -> None:
+    weak = replace(PLAN, stopping=replace(PLAN.stopping, brake_mps2=0.3))
+    assert line_of("gate killed").brake_mps2 == FAILSAFE_BRAKE_MPS2
+    assert line_of("gate killed", weak).brake_mps2 == 0.3
+
+
+@pytest.mark.parametrize("stage", [Stage.HOLD, Stage.LAND])
+def test_the_autopilots_own_braking_counts_where_it_brakes(stage: Stage) -> None:
+    assert line_of("depth_stale").brake_mps2 == PLAN.stopping.brake_mps2
+    assert line_of("depth_stale", answered(Fault.DEPTH_STALE, stage)).brake_mps2 == FAILSAFE_BRAKE_MPS2
+
+
+def test_a_fault_of_the_application_finds_the_pose_as_old_as_it_may_be() -> None:
+    for name in ("setpoint_late", "beat_late", "application", "setpoint_bad"):
+        assert line_of(name).detection_s >= PLAN.thresholds.pose_s
+        assert "safety.stale.pose_s" in line_of(name).keys
+
+
+def test_where_the_law_still_flies_only_the_stop_counts() -> None:
+    for fault in LAW_FLIES:
+        assert line_of(fault.value).detection_s == 0.0
+
+
+def test_the_hard_limit_stands_for_the_law() -> None:
+    """The gate's own stop begins so far away that it ends at the hard limit, whatever the law wanted."""
+    line = line_of("distance")
+    assert line.allowed_m - line.distance_m == pytest.approx(PLAN.thresholds.hard_limit_m, abs=0.01)
+
+
+def test_told_is_no_stop() -> None:
+    told = line_of(
+        "distance", replace(answered(Fault.DISTANCE, Stage.PASS), limits=replace(PLAN.limits, speed_mps=5.0))
+    )
+    assert not told.stops
+    assert not told.reaches_wall
+
+
+def test_the_law_of_the_paper_knows_nothing_before_d_c() -> None:
+    law = Law(governed=False, critical_margin_m=0.9, reaction_s=0.4, creep_mps=0.05)
+    assert law.allows_down_to_m(0.01, 0.8) == law.allows_down_to_m(5.0, 0.8) == 0.9
+
+
+def test_the_governor_creeps_down_to_d_c() -> None:
+    law = BASIS.law
+    assert law.allows_down_to_m(law.creep_mps, 0.8) == law.critical_margin_m
+    assert law.allows_down_to_m(law.creep_mps + 1e-6, 0.8) > law.critical_margin_m + 0.02
+
+
+@settings(max_examples=50)
+@given(
+    governed=st.booleans(),
+    reaction_s=st.floats(0.0, 3.0),
+    governor_mps2=st.floats(0.1, 10.0),
+    creep_mps=st.floats(0.01, 0.5),
+    speed_mps=st.floats(0.1, 5.0),
+    depth_s=st.floats(0.05, 5.0),
+    silence_s=st.floats(0.2, 2.0),
+)
+def test_no_speed_is_worse_than_the_worst(
+    *,
+    governed: bool,
+    reaction_s: float,
+    governor_mps2: float,
+    creep_mps: float,
+    speed_mps: float,
+    depth_s: float,
+    silence_s: float,
+) -> None:
+    """The argument for the worst speed, against a grid of all of them.
+
+    Only what is reachable matters: standing, d_c less the body is left, which the configuration keeps above zero.
+    """
+    law = Law(governed, 0.7, reaction_s, creep_mps)
+    basis = replace(BASIS, law=law)
+    plan = replace(
+        PLAN,
+        silence_s=silence_s,
+        limits=replace(PLAN.limits, speed_mps=speed_mps),
+        thresholds=replace(PLAN.thresholds, depth_s=depth_s),
+        stopping=replace(PLAN.stopping, brake_mps2=governor_mps2),
+    )
+    standing_m = min(0.7, PLAN.thresholds.hard_limit_m) - basis.body_radius_m
+    worst = {line.fault: line for line in stopping_budget(plan, basis)}
+    for i in range(1, GRID + 1):
+        for line in lines_at(speed_mps * i / GRID, plan, basis):
+            least_m = worst[line.fault].remaining_m
+            assert line.remaining_m >= min(least_m, standing_m) - 1e-9
