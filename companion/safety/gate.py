@@ -22,12 +22,13 @@ from companion.safety.ladder import Ladder
 from companion.safety.mavlink import NAMES, Frame, decode
 from companion.safety.plan import Plan
 from companion.safety.setpoint import Asked, beyond, read
-from companion.safety.vehicle import Vehicle
+from companion.safety.vehicle import READ, Vehicle
 from companion.safety.voice import Voice
 from companion.safety.watch import Watch
 
 PAUSE_CONTINUE = 193
 """MAV_CMD_DO_PAUSE_CONTINUE; with parameter 1 = 0 it is a ground station's order to stop."""
+ORDERS = frozenset({"COMMAND_LONG", "COMMAND_INT"})
 REJECTED = 1
 """MAV_RESULT_TEMPORARILY_REJECTED."""
 ARMING_BEAT_S = 0.5
@@ -124,12 +125,14 @@ class Gate:
         ours = frame.system_id == self._plan.system_id
         if ours and frame.component_id in (ONBOARD_COMPONENT, GATE_COMPONENT):
             return  # our own, sent back
-        fields = decode(frame)
         name = NAMES.get(frame.message_id)
-        if ours and frame.component_id == AUTOPILOT_COMPONENT:
+        own = ours and frame.component_id == AUTOPILOT_COMPONENT
+        # Nearly everything that comes only passes through: it is not worth to be read.
+        fields = decode(frame) if (name in READ if own else name in ORDERS) else None
+        if own:
             self._vehicle.spoke(name if fields is not None else None, fields or {}, now_s)
         elif fields is not None:
-            self._ordered(name, fields, frame)
+            self._ordered(fields, frame)
 
     def ground_spoke(self, frame: Frame, may: str) -> bool:
         """One message of somebody attached: whether it passes to the autopilot."""
@@ -139,10 +142,11 @@ class Gate:
         if not feeds and not commands:
             self.counts["attached: not permitted"] += 1
             return False
-        if fields is not None:
-            self._ordered(name, fields, frame)
-            return fields.get("target_component") not in (ONBOARD_COMPONENT, GATE_COMPONENT)
-        return True
+        if fields is None:
+            return True
+        if name in ORDERS:
+            self._ordered(fields, frame)
+        return fields.get("target_component") not in (ONBOARD_COMPONENT, GATE_COMPONENT)
 
     def application_spoke(self, frame: Frame, now_s: float) -> bytes | None:
         """One message of the application: what goes to the autopilot, itself or a stop in its place; None: nothing."""
@@ -270,13 +274,9 @@ class Gate:
     def _may_begin(self, now_s: float) -> bool:
         return self.stage is Stage.PASS and self._watch.beat_age_s(now_s) <= ARMING_BEAT_S
 
-    def _ordered(self, name: str | None, fields: Fields, frame: Frame) -> None:
-        """A stop that a person at a ground station orders."""
-        if (
-            name not in ("COMMAND_LONG", "COMMAND_INT")
-            or fields["command"] != PAUSE_CONTINUE
-            or fields["param1"] != 0.0
-        ):
+    def _ordered(self, fields: Fields, frame: Frame) -> None:
+        """A command of somebody else, which may be the stop that a person at a ground station orders."""
+        if fields["command"] != PAUSE_CONTINUE or fields["param1"] != 0.0:
             return
         if fields["target_system"] not in (0, self._plan.system_id):
             return

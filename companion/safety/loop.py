@@ -197,6 +197,8 @@ class Loop:
         self._signals.hushed()
         self._keeper.bury(now_s)
         self._follow_child()
+        # A death is answered at once, not at the next cycle.
+        self._due_s = now_s
 
     def _cycle(self, now_s: float) -> None:
         for number, door in enumerate(self._wires):

@@ -27,6 +27,9 @@ HEARTBEAT_LATE_S = 1.2
 
 ESTIMATOR = {AutopilotKind.PX4: "ESTIMATOR_STATUS", AutopilotKind.ARDUPILOT: "EKF_STATUS_REPORT"}
 
+READ = frozenset({"HEARTBEAT", "LOCAL_POSITION_NED", "ATTITUDE", "COMMAND_ACK", "SYS_STATUS", *ESTIMATOR.values()})
+"""The messages of the autopilot that are looked into; of the others it only counts that they came."""
+
 Fields = Mapping[str, Any]
 
 
@@ -105,7 +108,7 @@ class Vehicle:
         self._asked_to_arm, self._armed_s = False, math.inf
 
     def spoke(self, name: str | None, fields: Fields, now_s: float) -> None:
-        """One message of the autopilot of our vehicle; its name is None when the gate does not read it."""
+        """One message of the autopilot of our vehicle; its name is None when it is not one of `READ`."""
         self.heard_s = now_s
         if name == "HEARTBEAT":
             self._heartbeat(fields, now_s)

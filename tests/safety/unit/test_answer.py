@@ -27,17 +27,17 @@ BOTH = pytest.mark.parametrize("kind", KINDS)
 class Scene:
     """An answer with all that it needs; the vehicle is armed in the mode of setpoints, and heard all the time."""
 
-    def __init__(self, kind: AutopilotKind = AutopilotKind.PX4, *, steered: bool = True) -> None:
+    def __init__(self, kind: AutopilotKind = AutopilotKind.PX4, *, steered: bool = True, at_s: float = 64.0) -> None:
         self.vehicle = Vehicle(0.5)
         self.watch = Watch(PLAN, self.vehicle)
         self.ladder = Ladder(PLAN.reactions, PLAN.recover_s)
         self.answer = Answer(PLAN, self.vehicle, self.watch, self.ladder, Voice(1))
         self.kind = kind
-        self.show(self.ours.offboard, 64.0)
+        self.show(self.ours.offboard, at_s)
         self.ask(self.ours.offboard)
-        self.show(self.ours.offboard, 64.0)
+        self.show(self.ours.offboard, at_s)
         if steered:
-            self.watch.asked = Asked(64.0, 0.1, 0.0, 0.0, 0.0)
+            self.watch.asked = Asked(at_s, 0.1, 0.0, 0.0, 0.0)
 
     @property
     def ours(self) -> Personality:
@@ -76,6 +76,13 @@ def test_to_brake_is_a_stop_each_period() -> None:
     times_s = [64.0 + i / 64 for i in range(13)]
     sent = [now_s for now_s in times_s if scene.due(now_s) == ["stop"]]
     assert sent == [64.0, 64.0625, 64.125, 64.1875]
+
+
+def test_a_computer_that_has_just_started_waits_for_nothing() -> None:
+    """Protects the first moments of the clock, which begins at zero: the first stop and mode are due at once."""
+    scene = Scene(at_s=0.03125)
+    scene.ladder.force(Stage.HOLD)
+    assert scene.due(0.03125) == ["stop", scene.ours.hold]
 
 
 def test_who_was_never_steered_is_not_stopped_by_setpoints() -> None:

@@ -38,6 +38,15 @@ def test_forward_is_along_the_heading() -> None:
     motion.position(moved(1.0, vx=0.3, vy=0.4), 10.0, armed=True)
     assert motion.forward_mps() == pytest.approx(0.4)
     assert motion.after(2.0, 0.5, -1.0) == pytest.approx((-0.5, 2.0, -1.0))
+    motion.attitude({"yaw": 0.0})
+    assert motion.after(2.0, 0.5, -1.0) == (2.0, 0.5, -1.0)
+    assert motion.forward_mps() == 0.3
+    lost = Motion(0.5)
+    lost.attitude({"yaw": 0.0})
+    assert lost.after(2.0, 0.5, -1.0) is None, "a heading alone is no place"
+    assert lost.forward_mps() is None
+    lost.position(moved(0.0), 10.0, armed=True)
+    assert lost.place_m == (0.0, 0.0, 0.0), "also with the first stamp of all"
 
 
 def test_a_jump_is_what_no_velocity_explains() -> None:
@@ -124,6 +133,7 @@ def test_a_thousand_kilometres_are_too_far() -> None:
     motion = Motion(0.5)
     motion.position(moved(1.0, x=1e6), 10.0, armed=True)
     motion.attitude({"yaw": 1e6})
+    motion.attitude({"yaw": -2e6})
     assert motion.after(0.0, 0.0, 0.0) is None
     motion.position(moved(1.0, x=-999_999.0), 10.0, armed=True)
     assert motion.after(0.0, 0.0, 0.0) is None, "without a heading nobody knows where ahead is"

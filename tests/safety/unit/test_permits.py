@@ -41,6 +41,14 @@ def test_what_is_no_byte_is_no_mode(main: float, sub: float, mode: int | None) -
     assert mode_asked_for(AutopilotKind.PX4, {"param2": main, "param3": sub}) == mode
 
 
+@pytest.mark.parametrize(("main", "mode"), [(4.0, 4), (6.9, 6), (255.0, 255), (256.0, None), (math.nan, None)])
+def test_ardupilot_has_one_number(main: float, mode: int | None) -> None:
+    """Protects the same where the second number means nothing."""
+    found = mode_asked_for(AutopilotKind.ARDUPILOT, {"param2": main, "param3": 3.0})
+    assert found == mode
+    assert not isinstance(found, float)
+
+
 @pytest.mark.parametrize(("magic", "forced"), [(0.0, False), (21196.0, True), (2989.0, True), (1.0, True)])
 def test_any_magic_number_is_force(magic: float, forced: bool) -> None:
     """Protects the autopilot's checks, and the motors in the air, also from magic numbers of other firmware."""

@@ -75,8 +75,10 @@ def test_anything_is_a_sign_of_life_but_only_a_heartbeat_is_a_heartbeat() -> Non
 def test_the_first_firmware_that_we_know_is_the_firmware(first: int, later: int) -> None:
     """Protects against other components' heartbeats with the vehicle's number."""
     vehicle = Vehicle(0.5)
+    vehicle.told(21, {}, APPLICATION)
     heartbeat(vehicle, 1, 1.0, autopilot=8)
     assert (vehicle.kind, vehicle.heartbeat_s) == (None, -math.inf)
+    assert vehicle.asked_modes == {PX4.land}, "nor forgets it for their sake what was asked for"
     heartbeat(vehicle, 2, 2.0, armed=False, autopilot=first)
     assert NUMBER[vehicle.kind or AutopilotKind.PX4] == first
     assert vehicle.personality.kind is vehicle.kind
@@ -110,6 +112,22 @@ def test_an_accepted_arming_counts_until_a_heartbeat_could_know_of_it(result: in
     assert vehicle.armed is armed, "this one may have been on its way"
     heartbeat(vehicle, PX4.hold, 11.25, armed=False)
     assert not vehicle.armed
+
+
+def test_a_heartbeat_knows_of_the_arming_from_its_own_moment_on() -> None:
+    """Protects the end of that first second; and a refusal means no arming at any time, also of a clock at zero."""
+    vehicle = Vehicle(0.5)
+    vehicle.told(400, {"param1": 1.0}, APPLICATION)
+    acknowledge(vehicle, 400, 0, 0.0)
+    heartbeat(vehicle, PX4.hold, 1.1875, armed=False)
+    assert vehicle.armed
+    heartbeat(vehicle, PX4.hold, 1.2, armed=False)
+    assert not vehicle.armed
+    refused = Vehicle(0.5)
+    heartbeat(refused, PX4.hold, 0.5, armed=False)
+    refused.told(400, {"param1": 1.0}, APPLICATION)
+    acknowledge(refused, 400, 4, 0.625)
+    assert not refused.armed
 
 
 def test_an_arming_that_is_refused_later_is_refused() -> None:
@@ -171,6 +189,8 @@ def test_a_mode_is_obeyed_when_it_shows_after_it_was_asked_for() -> None:
     heartbeat(vehicle, PX4.hold, 6.0)
     assert vehicle.obeys(PX4.hold)
     assert not vehicle.obeys(PX4.offboard)
+    heartbeat(vehicle, POSITION, 6.5)
+    assert not vehicle.obeys(PX4.hold), "no longer"
     vehicle.told(22, {}, APPLICATION)
     heartbeat(vehicle, PX4.hold, 7.0)
     assert vehicle.asked_modes == PX4.taking_off
@@ -253,7 +273,6 @@ def test_a_mode_that_is_no_number_is_not_asked_for() -> None:
 def test_a_new_application_knows_what_shows_and_has_asked_for_nothing() -> None:
     """Protects it from the requests of the last one, and the gate from forgetting that something is armed."""
     vehicle = ours()
-    mode(vehicle, PX4.hold)
     vehicle.begin()
     assert (vehicle.shown_mode, vehicle.armed, vehicle.airborne) == (PX4.offboard, True, False)
     assert vehicle.asked_modes == frozenset()

@@ -44,7 +44,7 @@ def test_its_heartbeat_says_what_it_does(stage: Stage, airborne: bool, status: i
 def test_a_heartbeat_comes_each_second() -> None:
     """Protects the link from more, and whoever waits for it from less."""
     voice = Voice(SYSTEM)
-    sent = [now_s for now_s in (5.0, 5.0, 5.75, 6.0, 6.25, 6.75, 7.25) if voice.due(Stage.PASS, False, now_s)]
+    sent = [now_s for now_s in (5.0, 5.0, 5.9375, 6.0, 6.25, 6.9375, 7.25) if voice.due(Stage.PASS, False, now_s)]
     assert sent == [5.0, 6.0, 7.25]
 
 
@@ -55,14 +55,15 @@ def test_texts_go_out_in_order_two_a_second_and_the_newest_eight_wait() -> None:
     for i in range(10):
         voice.say(f"{i} " + "x" * 60)
     texts = {}
-    for quarter in range(1, 30):
-        for raw in voice.due(Stage.PASS, False, 0.25 * quarter):
+    for sixteenth in range(1, 100):
+        now_s = sixteenth / 16
+        for raw in voice.due(Stage.PASS, False, now_s):
             number, fields = said(raw)
             if number == 253:
                 assert fields["severity"] == 4
                 assert len(fields["text"]) == 50
-                texts[0.25 * quarter] = fields["text"][:7]
-    assert texts == {0.25 + 0.5 * i: f"gate: {i + 2}" for i in range(8)}
+                texts[now_s] = fields["text"][:7]
+    assert texts == {0.0625 + 0.5 * i: f"gate: {i + 2}" for i in range(8)}
 
 
 def test_the_log_and_the_application_are_told_all_of_it() -> None:

@@ -24,7 +24,7 @@ PLAN = replace(
     BUILT,
     period_s=0.125,
     fence=Fence(north_m=(-4.0, 4.0)),
-    stopping=Stopping(delay_s=0.25, brake_mps2=0.5),
+    stopping=Stopping(delay_s=0.25, brake_mps2=0.25),
     thresholds=replace(
         BUILT.thresholds,
         setpoint_s=0.125,
@@ -87,8 +87,8 @@ def test_before_the_first_beat_there_is_no_application() -> None:
 def test_which_beats_can_be() -> None:
     """Protects the clock: neither a future beat nor one from before the newest makes the application younger."""
     watch = watching()
-    assert not watch.take(replace(FRESH, t_s=NOW_S + 0.0625), NOW_S)
-    assert not watch.take(replace(FRESH, t_s=NOW_S - JUST_S), NOW_S)
+    assert watch.take(replace(FRESH, t_s=NOW_S + 0.0625), NOW_S) is False
+    assert watch.take(replace(FRESH, t_s=NOW_S - JUST_S), NOW_S) is False
     assert watch.take(FRESH, NOW_S), "the same once more"
     ahead = replace(FRESH, t_s=NOW_S + 0.03125)
     assert watch.take(ahead, NOW_S)
@@ -180,7 +180,7 @@ def test_what_happened_counts_for_a_moment(name: str) -> None:
     fault = {"bad_s": Fault.SETPOINT_BAD, "flooded_s": Fault.FLOOD}[name]
     watch = watching()
     setattr(watch, name, 0.0)
-    assert watch._of_the_application(0.0625)[fault] == ""
+    assert watch._of_the_application(0.09375)[fault] == ""
     assert fault not in watch._of_the_application(0.1)
 
 
@@ -188,7 +188,7 @@ def test_a_jump_counts_for_a_moment() -> None:
     """Protects the same for a position that jumped."""
     watch = watching()
     watch._vehicle.motion.jumped_s = 0.0
-    assert watch._of_the_autopilot(0.0625)[Fault.POSE_JUMP] == ""
+    assert watch._of_the_autopilot(0.09375)[Fault.POSE_JUMP] == ""
     assert Fault.POSE_JUMP not in watch._of_the_autopilot(0.1)
 
 
@@ -251,12 +251,19 @@ def flying(flown_mps: float | None, asked_mps: float | None, ahead_m: float) -> 
     ("flown_mps", "asked_mps"), [(0.5, 0.0), (0.5, -1.0), (0.5, None), (None, 0.5), (0.25, 0.5), (-0.5, 0.5)]
 )
 def test_the_distance_is_what_is_left_after_stopping(flown_mps: float | None, asked_mps: float | None) -> None:
-    """Protects against the wall: 0.5 m/s · (0.25 + 2 · 0.125 s) + 0.5² / (2 · 0.5) m is 0.5 m; as much must be left."""
-    assert only(flying(flown_mps, asked_mps, 1.0), Fault.DISTANCE) is None
-    assert only(flying(flown_mps, asked_mps, 1.0 - JUST_S), Fault.DISTANCE) == "1.00 m ahead"
-    later = flying(flown_mps, asked_mps, 1.0625)
+    """Protects against the wall: 0.5 m/s · (0.25 + 2 · 0.125 s) + 0.5² / (2 · 0.25) m is 0.75 m; 0.5 m must be left."""
+    assert only(flying(flown_mps, asked_mps, 1.25), Fault.DISTANCE) is None
+    assert only(flying(flown_mps, asked_mps, 1.25 - JUST_S), Fault.DISTANCE) == "1.25 m ahead"
+    later = flying(flown_mps, asked_mps, 1.3125)
     assert only(later, Fault.DISTANCE, NOW_S + 0.125) is None
-    assert only(later, Fault.DISTANCE, NOW_S + 0.125 + JUST_S) == "1.06 m ahead", "it went on since it was measured"
+    assert only(later, Fault.DISTANCE, NOW_S + 0.125 + JUST_S) == "1.31 m ahead", "it went on since it was measured"
+
+
+def test_a_slow_vehicle_needs_less() -> None:
+    """Protects a vehicle in a narrow place: 0.25 m/s · 0.5 s + 0.25² / 0.5 m is 0.25 m."""
+    assert only(flying(0.25, None, 0.75), Fault.DISTANCE) is None
+    assert only(flying(0.25, None, 0.75 - JUST_S), Fault.DISTANCE) == "0.75 m ahead"
+    assert only(flying(0.11, None, 0.0), Fault.DISTANCE) == "0.00 m ahead", "so slow it still closes in"
 
 
 @pytest.mark.parametrize(("flown_mps", "asked_mps"), [(0.0, None), (0.1, 0.1), (-0.5, 0.0), (None, None), (None, -0.5)])
@@ -278,9 +285,18 @@ def test_a_new_application_begins_with_nothing() -> None:
     watch.begin()
     assert (watch.beat, watch.asked) == (None, None)
     assert watch.faults(NOW_S) == {Fault.BEAT_LATE: "never"}
-    assert watch.take(replace(FRESH, t_s=NOW_S - 1.0), NOW_S), "its own clock counts"
-    assert only(watch, Fault.SETPOINT_LATE, NOW_S + 0.125) is None, "and its own exploring"
-    assert only(watch, Fault.SETPOINT_LATE, NOW_S + 0.25) == "0.25 s"
+    assert watch.take(replace(FRESH, t_s=NOW_S - 1.0), NOW_S + 1.0), "its own clock counts"
+    assert only(watch, Fault.SETPOINT_LATE, NOW_S + 1.125) is None, "and its own exploring"
+    assert only(watch, Fault.SETPOINT_LATE, NOW_S + 1.25) == "0.25 s"
+
+
+def test_a_computer_that_has_just_started_has_no_faults_from_before() -> None:
+    """Protects the first moments of the clock, which begins at zero: what never happened is not recent."""
+    watch = Watch(PLAN, vehicle())
+    for _ in range(2):
+        assert set(watch._of_the_application(0.0625)) == {Fault.BEAT_LATE}
+        assert Fault.POSE_JUMP not in watch._of_the_autopilot(0.0625)
+        watch.begin()
 
 
 def test_ardupilot_is_steered_in_guided() -> None:
