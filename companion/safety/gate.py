@@ -161,7 +161,10 @@ class Gate:
         self._note_the_end_of_a_flight()
         if self.airborne:
             found = self._watch.faults(now_s)
-            for fault in sorted(self._ladder.update(frozenset(found), now_s)):
+            # What an application that has ended its flight no longer tells is not over: the landing stays due.
+            ended = self._watch.phase is Phase.ENDED and self.stage >= Stage.HOLD
+            lasting = self._ladder.counting if ended else frozenset()
+            for fault in sorted(self._ladder.update(frozenset(found) | lasting, now_s)):
                 self._voice.say(f"{fault} {found[fault]}".strip())
         elif self._vehicle.taken_over is not None and self._vehicle.airborne and not self._told_taken_over:
             self._told_taken_over = True

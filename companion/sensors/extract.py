@@ -77,13 +77,14 @@ class Extractor:
         if observation.planar is not None and observation.planar.pose.is_finite:
             self._around = planar_look(observation.planar, self._settings.scan.bins)
             self._remember(self._around)
-        looks = [look for look in (self._ahead, self._around) if look is not None and self._is_fresh(look, t_s)]
+        known = [look for look in (self._ahead, self._around) if look is not None and look.t_s <= t_s]
+        looks = [look for look in known if self._is_fresh(look, t_s)]
         missing = self._missing(pose, t_s, h_m, looks)
         scan = self._scan(looks, pose, t_s) if looks and pose.is_finite else None
         d_m, d_bearing_rad = _nearest(scan, math.pi) if scan else (None, None)
         return Measurement(
             t_s=t_s,
-            scan_age_s=t_s - max((look.t_s for look in looks), default=-math.inf),
+            scan_age_s=t_s - max((look.t_s for look in known), default=-math.inf),
             scan=scan,
             h_m=h_m,
             roof_m=self._beams.level_m(Beam.UP, pose, t_s),
@@ -98,7 +99,7 @@ class Extractor:
         )
 
     def _is_fresh(self, look: Look, t_s: float) -> bool:
-        return 0.0 <= t_s - look.t_s <= self._settings.scan.stale_after_s
+        return t_s - look.t_s <= self._settings.scan.stale_after_s
 
     def _missing(self, pose: Pose, t_s: float, h_m: float | None, looks: Sequence[Look]) -> tuple[str, ...]:
         missing = []

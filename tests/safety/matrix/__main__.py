@@ -1,8 +1,8 @@
 """The whole fault matrix, or a part of it.
 
-python -m tests.safety.matrix [--jobs N] [--only NAME ...] [--personality P] [--json FILE] [--write-docs] [--list]
+python -m tests.safety.matrix [--jobs N] [--only NAME ...] [--personality P] [--json FILE [--resume]] [--write-docs] [--list]
 
-The exit code is 0 when every flight ended as it must, 1 when one did not, 2 for wrong input.
+The outcomes are in the file after every flight, so that an hour of flights can be broken off and gone on with. The exit code is 0 when every flight ended as it must, 1 when one did not, 2 for wrong input.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from typing import Any
 
 from companion.errors import CompanionError
 from tests.safety.matrix.faults import BY_NAME, CELLS, FAULTS
-from tests.safety.matrix.injection import PERSONALITIES
+from tests.safety.matrix.injection import PERSONALITIES, Final
 from tests.safety.matrix.outcome import AIM_S, Outcome
 from tests.safety.matrix.report import ReportError, markdown, write_into_docs
-from tests.safety.matrix.run import end_with_parent, fly
+from tests.safety.matrix.run import end_with_parent, fly_in_pool
 
 CORES_PER_FLIGHT = 2
 
@@ -42,19 +42,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for name, personality in CELLS
         if (not given.only or name in given.only) and given.personality in (None, personality)
     ]
-    outcomes: dict[tuple[str, str], Outcome] = {}
+    outcomes = _read(given.json) if given.resume else {}
+    left = [cell for cell in cells if cell not in outcomes]
     errors: list[str] = []
-    for number, (cell, found) in enumerate(_flown(cells, given.jobs, given.keep), 1):
-        progress = f"[{number}/{len(cells)}] {cell[0]}, {cell[1]}: "
+    for number, (cell, found) in enumerate(_flown(left, given.jobs, given.keep), 1):
+        progress = f"[{number}/{len(left)}] {cell[0]}, {cell[1]}: "
         if isinstance(found, Outcome):
             outcomes[cell] = found
             _say(progress + _line(found))
+            _write(given.json, outcomes)
         else:
             errors.append(f"{cell[0]}, {cell[1]}")
             _say(f"{progress}NOT FLOWN: {found}")
     in_order = [outcomes[cell] for cell in cells if cell in outcomes]
-    if given.json is not None:
-        given.json.write_text(json.dumps([_plain(one) for one in in_order], indent=2) + "\n", encoding="utf-8")
     if in_order:
         _say("\n" + markdown(in_order))
     if given.write_docs:
@@ -72,12 +72,33 @@ def _flown(
     """Each flight when it is over, in a process of its own: what one flight takes another must not wait for."""
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs, mp_context=context, initializer=end_with_parent) as pool:
-        flights = {pool.submit(fly, *cell, keep): cell for cell in cells}
+        flights = {pool.submit(fly_in_pool, *cell, keep): cell for cell in cells}
         for flight in as_completed(flights):
             try:
                 yield flights[flight], flight.result()
             except (CompanionError, AssertionError, OSError) as error:
                 yield flights[flight], error
+
+
+def _write(file: Path | None, outcomes: dict[tuple[str, str], Outcome]) -> None:
+    """Whole or not at all, whenever it is broken off."""
+    if file is not None:
+        text = json.dumps([_plain(one) for one in outcomes.values()], indent=2) + "\n"
+        part = file.with_name(file.name + ".part")
+        part.write_text(text, encoding="utf-8")
+        part.replace(file)
+
+
+def _read(file: Path) -> dict[tuple[str, str], Outcome]:
+    found: dict[tuple[str, str], Outcome] = {}
+    for one in json.loads(file.read_text(encoding="utf-8")) if file.exists() else []:
+        del one["ok"]
+        unknown = {
+            name: math.nan for name, value in one.items() if value is None and name not in ("brake_s", "problem")
+        }
+        outcome = Outcome(**(one | unknown | {"final": Final(one["final"]), "gate": tuple(one["gate"])}))
+        found[outcome.name, outcome.personality] = outcome
+    return found
 
 
 def _line(outcome: Outcome) -> str:
@@ -106,10 +127,14 @@ def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--only", nargs="+", choices=tuple(BY_NAME), metavar="NAME", help="faults; else all")
     parser.add_argument("--personality", choices=PERSONALITIES)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the outcomes here")
+    parser.add_argument("--resume", action="store_true", help="go on where --json FILE was broken off")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="keep the folders of the flights in this one")
     parser.add_argument("--write-docs", action="store_true", help="put the table into docs/safety.md")
     parser.add_argument("--list", action="store_true", help="the faults, without flying")
-    return parser.parse_args(arguments)
+    given = parser.parse_args(arguments)
+    if given.resume and given.json is None:
+        parser.error("--resume needs --json FILE")
+    return given
 
 
 def _say(words: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import dataclasses
+import os
 import shutil
 import signal
 import sys
@@ -26,6 +27,15 @@ def end_with_parent() -> None:
     """However this process ends, or the one that started it: the processes of a flight end with it."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, int(signal.SIGTERM))
+
+
+def fly_in_pool(name: str, personality: str, parent: Path | None) -> Outcome:
+    """`fly`, in a process that `end_with_parent` prepared."""
+    try:
+        return fly(name, personality, parent)
+    except SystemExit:
+        # A pool takes the end of a process for the result of a call, and would wait for the next.
+        os._exit(1)
 
 
 def fly(name: str, personality: str, parent: Path | None = None) -> Outcome:

@@ -162,3 +162,38 @@ def test_no_speed_is_worse_than_the_worst(
         for line in lines_at(speed_mps * i / GRID, plan, basis):
             least_m = worst[line.fault].remaining_m
             assert line.remaining_m >= min(least_m, standing_m) - 1e-9
+
+
+@pytest.mark.parametrize(
+    ("stops", "remaining_m", "reaches"),
+    [(True, -0.1, True), (True, 0.0, True), (True, 0.001, False), (False, -0.1, False)],
+)
+def test_a_wall_is_reached_by_who_stops_too_late(stops: bool, remaining_m: float, reaches: bool) -> None:
+    """Nothing left is a wall; what is only told stops nothing, and is not held against the distance."""
+    assert replace(line_of("depth_stale"), stops=stops, remaining_m=remaining_m).reaches_wall is reaches
+
+
+def test_every_key_is_a_setting() -> None:
+    """A name that does not exist sends whoever has to change it on a search."""
+    for line in stopping_budget(PLAN, BASIS):
+        for key in line.keys:
+            found: object = SETTINGS
+            for part in key.split("."):
+                assert hasattr(found, part), key
+                found = getattr(found, part)
+
+
+def test_what_the_autopilot_tells_late_counts() -> None:
+    """A word about the estimator, or the second of two equal poses, comes a period and its way later."""
+    fresh_s = 2.0 * BASIS.pose_period_s
+    assert line_of("pose_frozen").detection_s == pytest.approx(PLAN.thresholds.pose_frozen_s + fresh_s)
+    assert line_of("estimator").detection_s == pytest.approx(BASIS.estimator_period_s + fresh_s)
+
+
+@pytest.mark.parametrize(("governed", "creep_mps"), [(True, 0.05), (True, 9.0), (False, 0.05)])
+def test_each_fault_is_shown_at_its_worst_speed(*, governed: bool, creep_mps: float) -> None:
+    """Before a cautious governor the slowest goes nearest, down to d_c; at the hard limit no governor counts."""
+    basis = replace(BASIS, law=Law(governed=governed, critical_margin_m=0.7, reaction_s=3.0, creep_mps=creep_mps))
+    worst = {line.fault: line.speed_mps for line in stopping_budget(PLAN, basis)}
+    assert worst["depth_stale"] == (min(creep_mps, SPEED_MPS) if governed else SPEED_MPS)
+    assert worst["distance"] == SPEED_MPS

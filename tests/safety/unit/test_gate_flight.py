@@ -262,3 +262,20 @@ def test_a_refused_command_is_answered() -> None:
     assert (found.system_id, found.component_id, found.message_id) == (1, 192, 77)
     assert (fields["command"], fields["result"], fields["target_component"]) == (400, 1, 191)
     assert air.gate.take_upward() == []
+
+
+def test_a_landing_stays_due_when_the_application_ends_its_flight_in_a_hold() -> None:
+    """Protects the last step: the application sees the hold, ends, and says nothing more of its dead camera."""
+    air = in_the_air()
+    air.beat = replace(BEAT, depth_age_s=9.0)
+    air.run(7.0)
+    assert air.mode == air.ours.hold
+    air.setpoints = False
+    air.beat = replace(BEAT, phase=Phase.ENDED)
+    air.run(0.1)
+    air.beats = False
+    air.gate.beat(Goodbye(1).packed(), air.now_s)
+    air.run(22.0)
+    assert air.mode == air.ours.hold
+    air.run(3.0)
+    assert air.mode == air.ours.land
