@@ -1,6 +1,6 @@
 # Every target prepares what it needs, on a machine where nothing but Python 3.11 or newer is installed.
 .DEFAULT_GOAL := help
-.PHONY: help setup explore fly test test-flights test-safety check-docker format
+.PHONY: help setup explore fly test test-flights test-safety mutants check-docker format
 
 # A shell prepared for ROS or conda would bring its own packages along.
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
@@ -23,10 +23,13 @@ test: setup ## format, lint, types, import contracts and tests; options for pyte
 	@scripts/check $(ARGS)
 
 test-flights: setup ## more whole flights over MAVLink, which `make test` leaves out for time
-	@.venv/bin/pytest -n 2 -m flight tests/integration $(ARGS)
+	@.venv/bin/pytest -n 2 -m flight tests/integration tests/safety $(ARGS)
 
 test-safety: setup ## the fault matrix: each fault in a flight towards a wall; options: ARGS="--help"
 	@.venv/bin/python -m tests.safety.matrix $(ARGS)
+
+mutants: ## change the gate in small ways, and print the changes that no test notices: tens of minutes; ARGS="--quick gate"
+	@scripts/mutants $(ARGS)
 
 check-docker: setup ## lint docker/; ARGS=--run also carries out its RUNs in a clean Debian, as root
 	@scripts/check-docker $(ARGS)

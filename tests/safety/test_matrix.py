@@ -20,8 +20,8 @@ LEAST_FAULTS = 30
 TELLING = (
     ("SIGKILL application", "px4"),
     ("setpoint 10x", "ardupilot"),
-    ("depth frozen", "px4"),
-    ("SIGKILL gate", "ardupilot"),
+    pytest.param("depth frozen", "px4", marks=pytest.mark.flight),
+    pytest.param("SIGKILL gate", "ardupilot", marks=pytest.mark.flight),
 )
 """A death, a lie, a sense that fails unseen, and the last layer alone."""
 

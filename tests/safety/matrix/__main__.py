@@ -1,8 +1,10 @@
 """The whole fault matrix, or a part of it.
 
-python -m tests.safety.matrix [--jobs N] [--only NAME ...] [--personality P] [--json FILE [--resume]] [--write-docs] [--list]
+python -m tests.safety.matrix [--jobs N] [--only NAME ...] [--personality P] [--json FILE [--resume]] [--keep DIR]
+                              [--write-docs] [--list]
 
-The outcomes are in the file after every flight, so that an hour of flights can be broken off and gone on with. The exit code is 0 when every flight ended as it must, 1 when one did not, 2 for wrong input.
+The outcomes are in the file after every flight, so that an hour of flights can be broken off and gone on with. The exit
+code is 0 when every flight ended as it must, 1 when one did not, 2 for wrong input.
 """
 
 from __future__ import annotations
