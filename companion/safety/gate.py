@@ -24,7 +24,7 @@ from companion.safety.plan import Plan
 from companion.safety.setpoint import Asked, beyond, read
 from companion.safety.vehicle import READ, Vehicle
 from companion.safety.voice import Voice
-from companion.safety.watch import Watch
+from companion.safety.watch import EVENT_S, Watch
 
 PAUSE_CONTINUE = 193
 """MAV_CMD_DO_PAUSE_CONTINUE; with parameter 1 = 0 it is a ground station's order to stop."""
@@ -218,7 +218,8 @@ class Gate:
             self.counts["application: setpoint that broke a limit"] += 1
         if self.stage >= Stage.BRAKE:
             return "setpoint while the gate stops"
-        return frame.raw if why is None else self._voice.stop(now_s)
+        # The one after it is no better for being alike; the stage that stops them all comes with the next cycle.
+        return frame.raw if now_s - self._watch.bad_s >= EVENT_S else self._voice.stop(now_s)
 
     def _why_not(self, asked: Asked) -> str | None:
         """What speaks against a setpoint that can be read; None: nothing."""

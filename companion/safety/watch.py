@@ -146,9 +146,9 @@ class Watch:
         return found
 
     def _speed_mps(self) -> float:
-        """Ahead, flown or asked for, whichever is more."""
+        """Ahead, flown or asked for, whichever is more; what is asked for beyond the limit does not pass."""
         flown_mps = self._vehicle.motion.forward_mps()
-        asked_mps = 0.0 if self.asked is None else self.asked.vx_mps
+        asked_mps = 0.0 if self.asked is None else min(self.asked.vx_mps, self._plan.limits.speed_mps)
         return asked_mps if flown_mps is None else max(flown_mps, asked_mps)
 
     def _stop_m(self, since_s: float) -> float:

@@ -620,3 +620,28 @@ def test_setpoints_of_another_form_are_on_no_list() -> None:
     assert scene.gate.application_spoke(frame(SETPOINT, 42, target_system=SYSTEM), NOW_S) is None
     assert scene.gate.application_spoke(frame("SET_ATTITUDE_TARGET", target_system=SYSTEM), NOW_S) is None
     assert scene.gate.counts == {"application: not on the list": 2}
+
+
+@pytest.mark.parametrize(
+    ("blind_s", "after", "stage"),
+    [
+        (3.0, Phase.ENDED, Stage.LAND),
+        (0.5, Phase.ENDED, Stage.PASS),
+        (3.0, Phase.EXPLORING, Stage.HOLD),
+    ],
+)
+def test_a_landing_stays_due_when_the_application_ends_its_flight_in_a_hold(
+    blind_s: float, after: Phase, stage: Stage
+) -> None:
+    """Protects a vehicle that was stopped: who ends tells no more, which is not the same as that all is well."""
+    scene = flying(replace(PLAN, reactions=PLAN.reactions | {Fault.DEPTH_STALE: Reaction(Stage.BRAKE, 3.0, 10.0)}))
+    for quarter in range(12 * 4):
+        now_s = NOW_S + quarter / 4
+        blind = now_s <= NOW_S + blind_s
+        shown = {Stage.HOLD: scene.ours.hold, Stage.LAND: scene.ours.land}.get(scene.stage(), scene.ours.offboard)
+        scene.heartbeat(shown, now_s)
+        scene.at(now_s, x=1e-3 * (quarter % 3))
+        scene.beat(Phase.EXPLORING if blind else after, now_s, depth_age_s=9.0 if blind else 0.0)
+        scene.gate.application_spoke(setpoint(), now_s)
+        scene.gate.cycle(now_s)
+    assert scene.stage() is stage

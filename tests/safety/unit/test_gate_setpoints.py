@@ -156,3 +156,22 @@ def test_a_fence_without_a_place_or_a_heading_says_nothing_of_setpoints() -> Non
     assert air.ask(setpoint(0.1)) == setpoint(0.1).raw
     air.tell("LOCAL_POSITION_NED", time_boot_ms=5, x=0.9)
     assert air.ask(setpoint(0.1)) == setpoint(0.1).raw
+
+
+def test_what_does_not_pass_is_not_closing() -> None:
+    """Protects the pilot's text: a setpoint of 5 m/s is a bad setpoint, and no wall that comes near."""
+    air = in_the_air()
+    air.beat = replace(BEAT, ahead_m=1.4)
+    assert air.ask(setpoint(5.0)) is not None
+    air.run(0.02)
+    assert air.faults()[Fault.DISTANCE] == 0
+    assert air.faults()[Fault.SETPOINT_BAD] == 1
+
+
+def test_the_same_jump_again_is_no_smaller() -> None:
+    """Protects the moment until the next cycle: a refused setpoint must not make way for its like."""
+    air = in_the_air()
+    for _ in range(3):
+        raw = air.ask(setpoint(0.5))
+        assert raw is not None
+        assert read(raw)[1]["vx"] == 0.0

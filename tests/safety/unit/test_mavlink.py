@@ -137,9 +137,13 @@ def test_an_unknown_message_is_not_read() -> None:
 @pytest.mark.parametrize(
     ("name", "fields", "told"),
     [
-        ("NO_SUCH", {}, "NO_SUCH"),
-        ("HEARTBEAT", {"mode": 1}, "mode"),
-        ("HEARTBEAT", {"type": 256}, "HEARTBEAT"),
+        ("NO_SUCH", {}, "^no message NO_SUCH in the table$"),
+        (
+            "HEARTBEAT",
+            dict.fromkeys(["f", "b", "type", "e", "a", "d", "c"], 1),
+            "^HEARTBEAT has no field a, b, c, d, e, f$",
+        ),
+        ("HEARTBEAT", {"type": 256}, "^HEARTBEAT: "),
         ("HEARTBEAT", {"type": 1.5}, "HEARTBEAT"),
         ("ATTITUDE", {"roll": 1e300}, "ATTITUDE"),
         ("STATUSTEXT", {"text": 1}, "STATUSTEXT"),
@@ -305,3 +309,59 @@ def test_signed_frames_are_found_whole() -> None:
     fields = decode(frames[0])
     assert fields is not None
     assert fields["yaw"] == pytest.approx(0.3)
+
+
+OLD = framed(0, bytes(9), 50, mavlink=1)
+
+
+@pytest.mark.parametrize("whole", [HEARTBEAT, OLD])
+def test_a_frame_in_two_pieces_is_found_once(whole: bytes) -> None:
+    """Cut anywhere behind another one; what was given out is not given out again."""
+    for cut in range(1, len(whole)):
+        framer = Framer()
+        found = [framer.frames(piece) for piece in (whole + whole[:cut], whole[cut:], b"", whole)]
+        assert [[frame.raw for frame in frames] for frames in found] == [[whole], [whole], [], [whole]]
+        assert framer.bad == 0
+
+
+@pytest.mark.parametrize("magic", [b"\xfe", b"\xfd"])
+def test_a_false_beginning_right_before_a_frame_hides_nothing_in_a_datagram(magic: bytes) -> None:
+    """Each byte may be the beginning, also the next one."""
+    framer = Framer(datagram=True)
+    assert [frame.raw for frame in framer.frames(magic + HEARTBEAT)] == [HEARTBEAT]
+    assert framer.bad == 1
+
+
+@pytest.mark.parametrize("flags", [0x02, 0x03, 0x80])
+def test_a_flag_that_nobody_knows_is_refused_although_the_checksum_is_right(flags: int) -> None:
+    """Else every frame of a later protocol would be misread, or read for ever."""
+    body = bytearray(HEARTBEAT[:-2])
+    body[2] = flags
+    raw = bytes(body) + struct.pack("<H", checksum(bytes(body[1:]) + b"\x32"))
+    framer = Framer(datagram=True)
+    assert framer.frames(raw) == []
+    assert framer.bad == 1
+    assert [frame.raw for frame in framer.frames(raw + HEARTBEAT)] == [HEARTBEAT]
+
+
+def test_numbers_of_three_bytes_and_old_frames_are_read_right() -> None:
+    """The number decides what is done with a message; only a new frame can be signed."""
+    assert only(framed(70_000, b"abc", 9)).message_id == 70_000
+    assert only(OLD).signed is False
+    assert only(HEARTBEAT).signed is False
+
+
+def test_what_is_left_out_is_nothing() -> None:
+    """Numbers, texts and flags: receivers refuse flags that they do not know."""
+    raw = Encoder(1, 192).pack("STATUSTEXT", severity=1)
+    assert decode(only(raw)) == {"severity": 1, "text": "", "id": 0, "chunk_seq": 0}
+    assert (raw[2:4], raw[9]) == (b"\0\0", 0)
+
+
+def test_the_longest_frame_is_the_longest() -> None:
+    """Who keeps room for it keeps enough, and no more."""
+    mavlink = m.MAVLink(None, 1, 1)
+    mavlink.signing.secret_key, mavlink.signing.sign_outgoing = bytes(range(32)), True
+    longest = m.MAVLink_file_transfer_protocol_message(0, 1, 1, [255] * 251).pack(mavlink)
+    assert len(longest) + 255 - longest[1] == LONGEST_FRAME
+    assert [frame.raw for frame in Framer().frames(longest)] == [longest]

@@ -149,7 +149,7 @@ def test_a_stamp_at_the_end_of_time_is_refused() -> None:
 def test_a_wrong_key_is_refused_and_changes_nothing() -> None:
     """Neither the stamp of the sender it names nor ours."""
     ours = signer()
-    assert not ours.accepts(heartbeat(theirs(TICKS + 9_000_000, key=bytes(31) + b"x")))
+    assert ours.accepts(heartbeat(theirs(TICKS + 9_000_000, key=bytes(31) + b"x"))) is False
     assert ours.accepts(heartbeat(theirs()))
     assert stamp(ours.sign(PLAIN)) == TICKS + 1
 
@@ -191,16 +191,16 @@ def test_garbage_is_refused_and_raises_nothing(raw: bytes) -> None:
 @pytest.mark.parametrize("raw", [b"", b"\xfd\x00", PLAIN[:-1], PLAIN + b"x", b"\x00" + PLAIN[1:], b"\xfe" + PLAIN[1:]])
 def test_half_a_frame_is_neither_signed_nor_stripped(raw: bytes) -> None:
     """A signature over it would make it look whole."""
-    with pytest.raises(ValueError, match="whole"):
+    with pytest.raises(ValueError, match=r"^not one whole MAVLink frame$"):
         signer().sign(raw)
-    with pytest.raises(ValueError, match="whole"):
+    with pytest.raises(ValueError, match=r"^not one whole MAVLink frame$"):
         Signer.unsigned(raw)
 
 
 def test_mavlink_1_cannot_be_signed_and_passes_as_it_is_upwards() -> None:
     """Its header has no place for the flag."""
     old = m.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3).pack(m.MAVLink(None), force_mavlink1=True)
-    with pytest.raises(ValueError, match="MAVLink 2"):
+    with pytest.raises(ValueError, match=r"^only a frame of MAVLink 2 can be signed$"):
         signer().sign(old)
     assert Signer.unsigned(old) == old
     assert Signer.unsigned(PLAIN) == PLAIN
@@ -220,7 +220,7 @@ def test_stripping_needs_no_definition(message_id: int, length: int) -> None:
 
 def test_a_key_of_another_length_is_refused() -> None:
     """Nobody else would have it."""
-    with pytest.raises(ValueError, match="32 bytes, not 16"):
+    with pytest.raises(ValueError, match=r"^a key has 32 bytes, not 16$"):
         signer(key=bytes(16))
 
 
@@ -257,7 +257,9 @@ def test_what_is_no_key_is_refused_with_what_to_do(data: bytes, told: str, tmp_p
 @pytest.mark.parametrize("mode", [0o640, 0o604, 0o620, 0o602, 0o610, 0o601, 0o777])
 def test_a_key_that_others_may_use_is_refused(mode: int, tmp_path: Path) -> None:
     """Who can read it flies the vehicle."""
-    with pytest.raises(ValueError, match=f"{mode:04o}.*chmod 600"):
+    with pytest.raises(
+        ValueError, match=rf"key: others may use it \(mode {mode:04o}\); keep the key to its owner: chmod 600 .*key$"
+    ):
         load_key(written(tmp_path / "key", KEY, mode))
 
 
@@ -272,7 +274,7 @@ def test_a_key_of_another_user_is_refused(tmp_path: Path, monkeypatch: pytest.Mo
         except PermissionError:
             pytest.skip("cannot give a file away here")
     monkeypatch.setattr(os, "geteuid", lambda: 54321)
-    with pytest.raises(ValueError, match="belongs to user"):
+    with pytest.raises(ValueError, match=r"key: belongs to user \d+; a signing key must belong to you or to root$"):
         load_key(path)
 
 
@@ -280,7 +282,68 @@ def test_only_a_file_is_a_key(tmp_path: Path) -> None:
     """A pipe nobody writes to must not hold the start, nor a folder leave anything open."""
     os.mkfifo(tmp_path / "pipe", 0o600)
     for path in (tmp_path / "pipe", tmp_path):
-        with pytest.raises(ValueError, match="is no file"):
+        with pytest.raises(
+            ValueError, match=f"{path.name}: is no file; a signing key is a file of 64 hexadecimal digits$"
+        ):
             load_key(path)
     with pytest.raises(OSError, match="missing"):
         load_key(tmp_path / "missing")
+
+
+def test_links_and_senders_count_for_themselves_but_messages_do_not() -> None:
+    """A recorded message must not pass beside a newer one of another kind; a second radio link must."""
+    ours = signer()
+
+    def attitude(mavlink: Any) -> bytes:
+        raw: bytes = m.MAVLink_attitude_message(1, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0).pack(mavlink)
+        return raw
+
+    assert ours.accepts(heartbeat(theirs(TICKS + 50)))
+    assert ours.accepts(attitude(theirs(TICKS + 50))) is False, "an equal stamp is a repetition"
+    second = theirs(TICKS + 10)
+    second.signing.link_id = 1
+    assert ours.accepts(heartbeat(second)), "another link"
+    gimbal = theirs(TICKS + 10)
+    gimbal.srcComponent = 154
+    assert ours.accepts(heartbeat(gimbal)), "another component"
+    assert ours.accepts(attitude(gimbal)), "whose next stamp is later"
+
+
+def test_a_minute_is_a_minute_and_the_end_of_time_its_end() -> None:
+    """To the tick of 10 us."""
+    for ticks, accepted in ((TICKS - 6_000_000, True), (TICKS - 6_000_001, False)):
+        raw = heartbeat(theirs(ticks))
+        assert stamp(raw) == ticks
+        assert signer().accepts(raw) is accepted
+    last = 2**48 - 2**40
+    assert signer().accepts(heartbeat(theirs(last - 1))) is True
+    assert signer().accepts(heartbeat(theirs(last))) is False
+
+
+def test_what_is_not_whole_is_not_accepted() -> None:
+    """Not even from a radio, whose messages need no signature."""
+    radio: bytes = m.MAVLink_radio_status_message(1, 2, 3, 4, 5, 6, 7).pack(m.MAVLink(None))
+    for raw in (b"", radio[:-1], radio + b"x", bytes(7)):
+        assert signer().accepts(raw) is False
+
+
+def test_what_is_whole_by_its_length_and_flags() -> None:
+    """An old frame has no flags where a new one has them, and may have no payload."""
+    empty = b"\xfe\x00\x05\x01\x01\x07\x00\x00"
+    first = b"\xfe\x00\x01\x01\x01\x07\x00\x00"
+    compatible = PLAIN[:3] + b"\x04" + PLAIN[4:]
+    for raw in (empty, first, compatible):
+        assert Signer.unsigned(raw) == raw
+        assert signer().accepts(raw) is False
+    for flags in (2, 3):
+        strange = PLAIN[:2] + bytes((flags,)) + PLAIN[3:] + bytes(SIGNATURE_BYTES * flags)
+        with pytest.raises(ValueError, match="whole"):
+            Signer.unsigned(strange)
+
+
+def test_a_key_may_have_zeros_and_is_read_without_a_trace(tmp_path: Path) -> None:
+    """One key in eight has a zero in it; an open file would be inherited."""
+    path = written(tmp_path / "key", bytes(range(32)))
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    assert load_key(path) == bytes(range(32))
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
