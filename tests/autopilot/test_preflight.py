@@ -100,6 +100,7 @@ class Bench:
         self.healthy = True
         self.seconds = 3.0
         self.streams = True
+        self.mode = 0x03040000 if kind is PX4 else 4
 
     def listen(self) -> None:
         """Three seconds of a healthy autopilot."""
@@ -114,8 +115,7 @@ class Bench:
                 self.link.deliver("TIMESYNC", {"tc1": int(now_ms * 1e6), "ts1": question["ts1"]})
             answered = len(questions)
             if i % 50 == 0:
-                mode = 0x03040000 if px4 else 4
-                self.link.deliver("HEARTBEAT", {"custom_mode": mode, "base_mode": 128 if self.armed else 0})
+                self.link.deliver("HEARTBEAT", {"custom_mode": self.mode, "base_mode": 128 if self.armed else 0})
                 self.link.deliver("SYS_STATUS", {"battery_remaining": self.battery})
                 self._estimator(px4)
             if self.streams:
@@ -223,6 +223,21 @@ def test_each_fault_fails_its_own_check(spoil: Any, failed: list[str], tmp_path:
     message = refusal(bench.results)
     assert message is not None
     assert all(name in message for name in failed)
+
+
+@pytest.mark.parametrize("kind", list(AutopilotKind))
+def test_a_vehicle_that_has_landed_may_fly_again_and_one_that_lands_may_not(
+    kind: AutopilotKind, tmp_path: Path
+) -> None:
+    """Protects the flight after a landing: both autopilots go on showing it, with the motors off."""
+    bench = Bench(kind, tmp_path)
+    bench.mode = 0x06040000 if kind is PX4 else 9
+    assert bench.failures() == []
+    bench.armed = True
+    assert set(bench.failures()) == {"disarmed", "mode"}
+    bench.armed = False
+    bench.mode = 0x05040000 if kind is PX4 else 6
+    assert bench.failures() == ["mode"], "return"
 
 
 def test_an_autopilot_that_fell_silent_fails_the_link(tmp_path: Path) -> None:

@@ -10,10 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from companion.autopilot.kind import AutopilotKind
-from companion.autopilot.personality import DO_SET_MODE
-from companion.autopilot.personality import personality as modes_of
-from sitl.autopilot.mavlink import dialect as m
 from sitl.together.crew import command, free_udp_ports
 from tests.integration.relay import LOOPBACK
 from tests.integration.rig import PERSONALITIES, PILOTS_MODE, Stub, process, take_over
@@ -105,11 +101,6 @@ def test_an_application_that_is_killed_is_stopped_landed_and_not_flown_again(per
         flight.witness.wait("landed and disarmed", lambda: not flight.witness.armed, 45.0)
         assert flight.crew.score()["contacts"] == 0
 
-        # The checks refuse a vehicle whose mode lands by itself: a person chooses another.
-        ours = modes_of(AutopilotKind(personality))
-        standing = ours.hold if personality == "px4" else ours.offboard
-        asked = (*ours.set_mode_parameters(standing), 0.0, 0.0, 0.0, 0.0)
-        flight.witness.send(m.MAVLink_command_long_message(1, 1, DO_SET_MODE, 0, *asked))
         flight.wait_for("ready: waiting for MAV_CMD_MISSION_START", 60.0)
         assert flight.application() != before
         time.sleep(3.0)

@@ -34,6 +34,8 @@ MB = 1e6
 _BUSY_MODES = frozenset(
     {"mission", "auto", "return", "rtl", "smart_rtl", "auto_rtl", "land", "precision land", "termination"}
 )
+_LANDED_IN = frozenset({"land", "precision land"})
+"""Shown by a vehicle that has landed, until somebody chooses another: with the motors off it does nothing."""
 
 
 class Statistics(Protocol):
@@ -282,7 +284,8 @@ def _disarmed(state: VehicleState) -> CheckResult:
 
 
 def _mode(state: VehicleState) -> CheckResult:
-    ok = state.mode != "unknown" and state.mode not in _BUSY_MODES
+    stands = state.mode in _LANDED_IN and not state.armed
+    ok = state.mode != "unknown" and (stands or state.mode not in _BUSY_MODES)
     return CheckResult(
         "mode",
         ok,
