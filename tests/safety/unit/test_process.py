@@ -522,6 +522,21 @@ def test_its_last_word_is_the_exit_code() -> None:
         rig.keeper.cycle(rig.now_s(), 0.0)
 
 
+def test_one_that_is_left_sees_the_end_of_its_socket() -> None:
+    """Protects against an application that flies on in the belief that there is a gate."""
+    with rigged() as rig:
+        rig.up()
+        child = rig.keeper.child
+        assert child is not None
+        rig.keeper.close()
+        deadline_s = time.monotonic() + 10.0
+        while not [code for pid, code in family.deaths() if pid == child.pid]:
+            assert time.monotonic() < deadline_s, "its loop ends with the socket"
+            time.sleep(0.01)
+        rig.keeper.child = None
+        rig.keeper.close()
+
+
 def test_after_its_last_word_it_is_not_waited_for_for_ever() -> None:
     with rigged() as rig:
         rig.up()
