@@ -10,14 +10,13 @@ import termios
 from collections.abc import Iterator
 from typing import Any
 
+from companion.autopilot.personality import PAUSE_CONTINUE
 from companion.autopilot.vehicle_state import integer, number
 from companion.autopilot.wire import ONBOARD_COMPONENT, Link, LinkError, Message
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
 
 MISSION_START = 300
 """MAV_CMD_MISSION_START, sent to this component: start the flight."""
-PAUSE_CONTINUE = 193
-"""MAV_CMD_DO_PAUSE_CONTINUE with parameter 1 = 0: end the flight as configured."""
 
 LARGEST_COMMAND = 65535
 

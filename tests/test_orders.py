@@ -11,8 +11,9 @@ from typing import Any
 
 import pytest
 
+from companion.autopilot.personality import PAUSE_CONTINUE
 from companion.errors import InputError
-from companion.orders import MISSION_START, PAUSE_CONTINUE, Orders
+from companion.orders import MISSION_START, Orders
 from tests.autopilot.fake_link import FakeLink, HandClock
 
 OURS = {"target_system": 1, "target_component": 191}

@@ -18,7 +18,7 @@ from companion.autopilot.personality import (
     personality,
     result_name,
 )
-from companion.autopilot.takeover import ModeWatch
+from companion.autopilot.takeover import HEARTBEAT_LATE_S, ModeWatch
 from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle_state import integer
 from companion.autopilot.wire import Link, Message
@@ -30,8 +30,6 @@ MODE_GRACE_S = 2.5
 """A mode that was asked for may take this long to show: the heartbeat that tells comes once a second."""
 MODE_LIMIT_S = 5.0
 """After this it is given up even when no heartbeat came at all."""
-HEARTBEAT_LATE_S = 1.2
-"""A heartbeat that is newer than an event by this much knows of it."""
 ARM_PATIENCE_S = 10.0
 """Reasons not to arm may pass by themselves: without GPS, PX4 is ready 5 s after it was told its origin."""
 ARM_PERIOD_S = 2.0
@@ -81,7 +79,7 @@ class Commander:
     @property
     def maybe_armed(self) -> bool:
         """Whether the vehicle is armed, or we have armed it and no heartbeat can have said otherwise yet."""
-        return self.watch.armed or self.watch.heartbeat_s < self._armed_s + HEARTBEAT_LATE_S < math.inf
+        return self.watch.maybe_armed(self._armed_s)
 
     def look(self) -> None:
         """Judge the newest heartbeat now: after a hang of the event loop it is here before its event is."""
@@ -120,9 +118,7 @@ class Commander:
         self.check_ours()
         name = mode_name(self.link.kind, mode)
         asked_s = self.clock.now_s()
-        # When setpoints stop before the mode is taken, the autopilot's failsafe holds meanwhile.
-        passing = frozenset() if mode == self.personality.offboard else frozenset({self.personality.hold})
-        request = self.watch.ask(frozenset({mode}), may_disarm, passing)
+        request = self.watch.ask(frozenset({mode}), may_disarm, self.personality.passing_to(mode))
         happened = False
         try:
             result = await self.command(DO_SET_MODE, *self.personality.set_mode_parameters(mode), timeout_s=timeout_s)

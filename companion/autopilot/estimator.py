@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from companion.autopilot.kind import AutopilotKind
 
+ESTIMATOR = {AutopilotKind.PX4: "ESTIMATOR_STATUS", AutopilotKind.ARDUPILOT: "EKF_STATUS_REPORT"}
+"""In which message each firmware says how its estimator is."""
+
 # Bits of ESTIMATOR_STATUS.flags (PX4) and EKF_STATUS_REPORT.flags (ArduPilot): the first eight are the same.
 _ATTITUDE, _VELOCITY_HORIZONTAL, _VELOCITY_VERTICAL = 1, 2, 4
 _POSITION_RELATIVE, _POSITION_ABSOLUTE = 8, 16

@@ -18,6 +18,8 @@ CUSTOM_MODE_FLAG = 1.0
 DO_SET_MODE = 176
 NAV_TAKEOFF = 22
 ARM_DISARM = 400
+PAUSE_CONTINUE = 193
+"""MAV_CMD_DO_PAUSE_CONTINUE; with parameter 1 = 0 it is a ground station's order to stop."""
 
 BODY_NED = 8
 """MAV_FRAME of our setpoints: forward, right, down, turned by the heading alone."""
@@ -115,6 +117,13 @@ class Personality:
     land: int
     taking_off: frozenset[int]
     streams_before_mode: bool
+
+    def passing_to(self, custom_mode: int) -> frozenset[int]:
+        """Modes that may show on the way to one that was asked for.
+
+        When setpoints stop before it is taken, the autopilot's failsafe holds meanwhile.
+        """
+        return frozenset() if custom_mode == self.offboard else frozenset({self.hold})
 
     def set_mode_parameters(self, custom_mode: int) -> tuple[float, float, float]:
         """The first three parameters of DO_SET_MODE that ask for a mode."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from companion.autopilot.estimator import ESTIMATOR
 from companion.autopilot.kind import AutopilotKind
 from companion.autopilot.wire import AUTOPILOT_COMPONENT, Link
 
@@ -23,8 +24,6 @@ _IDS = {
     "EXTENDED_SYS_STATE": 245,
 }
 
-ESTIMATOR = {AutopilotKind.PX4: "ESTIMATOR_STATUS", AutopilotKind.ARDUPILOT: "EKF_STATUS_REPORT"}
-"""In which message each firmware says how its estimator is."""
 ESTIMATOR_HZ = 5.0
 """Often enough to stop before a lost velocity estimate has carried the vehicle far: 0.1 m at 0.5 m/s."""
 

@@ -14,6 +14,8 @@ from companion.autopilot.kind import AutopilotKind
 from companion.autopilot.personality import mode_name
 
 DISARMED = "disarmed"
+HEARTBEAT_LATE_S = 1.2
+"""A heartbeat that is newer than an event by this much knows of it."""
 
 
 class ModeWatch:
@@ -48,6 +50,10 @@ class ModeWatch:
     def ours(self) -> frozenset[int]:
         """The modes asked for last; empty before anything was asked for."""
         return frozenset() if self._ours is None else self._ours
+
+    def maybe_armed(self, armed_s: float) -> bool:
+        """Whether it is armed, or was at ``armed_s`` and no heartbeat can have said so yet; infinite: it was not."""
+        return self.armed or self.heartbeat_s < armed_s + HEARTBEAT_LATE_S < math.inf
 
     def ask(self, modes: frozenset[int], may_disarm: bool = False, passing: frozenset[int] = frozenset()) -> int:
         """From now on these modes are ours, and any other is somebody else's. Gives the number of this request.

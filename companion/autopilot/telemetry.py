@@ -7,8 +7,9 @@ import math
 from collections import deque
 
 from companion.autopilot import vehicle_state
+from companion.autopilot.estimator import ESTIMATOR
 from companion.autopilot.personality import ARMED_FLAG, mode_name
-from companion.autopilot.rates import ESTIMATOR, Rates, wanted_hz
+from companion.autopilot.rates import Rates, wanted_hz
 from companion.autopilot.vehicle_state import StatusText, VehicleState, integer, number
 from companion.autopilot.wire import AUTOPILOT_COMPONENT, Link, Message, Stream, printable
 from companion.clock import Clock, ClockAlignment

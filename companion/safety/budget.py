@@ -14,10 +14,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from companion.safety.faults import Fault, Stage
-from companion.safety.plan import Plan
+from companion.safety.plan import CYCLE_S, Plan
 
-CYCLE_S = 0.01
-"""The gate looks at everything this often at least."""
 SILENCE_EXTRA_S = 0.12
 """PX4 acted 0.03 to 0.12 s after its COM_OF_LOSS_T; ArduCopter no later than that after its GUID_TIMEOUT."""
 FAILSAFE_BRAKE_MPS2 = 0.43

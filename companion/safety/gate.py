@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
-from companion.autopilot.personality import ACCEPTED, ARM_DISARM, NAV_TAKEOFF
+from companion.autopilot.personality import ACCEPTED, ARM_DISARM, NAV_TAKEOFF, PAUSE_CONTINUE
 from companion.autopilot.wire import AUTOPILOT_COMPONENT, GATE_COMPONENT, ONBOARD_COMPONENT
 from companion.safety import permits
 from companion.safety.answer import Answer
@@ -26,8 +26,6 @@ from companion.safety.vehicle import READ, Vehicle
 from companion.safety.voice import Voice
 from companion.safety.watch import EVENT_S, Watch
 
-PAUSE_CONTINUE = 193
-"""MAV_CMD_DO_PAUSE_CONTINUE; with parameter 1 = 0 it is a ground station's order to stop."""
 ORDERS = frozenset({"COMMAND_LONG", "COMMAND_INT"})
 REJECTED = 1
 """MAV_RESULT_TEMPORARILY_REJECTED."""

@@ -20,12 +20,11 @@ from companion.safety.log import Log
 from companion.safety.mavlink import MAVLINK_2, NAMES, Frame, decode
 from companion.safety.notify import Notifier
 from companion.safety.permits import SETPOINTS
-from companion.safety.plan import Attached, Plan
+from companion.safety.plan import CYCLE_S, Attached, Plan
 from companion.safety.signals import Signals
 from companion.safety.signing import Signer
 from companion.safety.wires import Wire
 
-CYCLE_S = 0.01
 STALLED_S = 0.1
 """When nothing was done for longer than this, the gate itself was stopped: what waited meanwhile is as old as that."""
 CATCH_UP = 64

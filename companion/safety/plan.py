@@ -8,6 +8,9 @@ from typing import Any
 
 from companion.safety.faults import Fault, Stage
 
+CYCLE_S = 0.01
+"""The gate looks at everything this often at least; the stopping budget counts with it."""
+
 
 @dataclass(frozen=True, slots=True)
 class Limits:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from companion.autopilot.estimator import estimator_valid
+from companion.autopilot.estimator import ESTIMATOR, estimator_valid
 from companion.autopilot.kind import KINDS, AutopilotKind
 from companion.autopilot.personality import (
     ACCEPTED,
@@ -21,11 +21,6 @@ from companion.autopilot.personality import (
 from companion.autopilot.takeover import ModeWatch
 from companion.safety.motion import Motion
 from companion.safety.permits import NAV_LAND, mode_asked_for
-
-HEARTBEAT_LATE_S = 1.2
-"""A heartbeat that is newer than an event by this much knows of it."""
-
-ESTIMATOR = {AutopilotKind.PX4: "ESTIMATOR_STATUS", AutopilotKind.ARDUPILOT: "EKF_STATUS_REPORT"}
 
 READ = frozenset({"HEARTBEAT", "LOCAL_POSITION_NED", "ATTITUDE", "COMMAND_ACK", "SYS_STATUS", *ESTIMATOR.values()})
 """The messages of the autopilot that are looked into; of the others it only counts that they came."""
@@ -68,7 +63,7 @@ class Vehicle:
     @property
     def armed(self) -> bool:
         """By its newest heartbeat, or by an acknowledgement that is newer than any heartbeat could tell."""
-        return self._watch.armed or self._watch.heartbeat_s < self._armed_s + HEARTBEAT_LATE_S < math.inf
+        return self._watch.maybe_armed(self._armed_s)
 
     @property
     def airborne(self) -> bool:
@@ -132,11 +127,10 @@ class Vehicle:
         elif command == NAV_TAKEOFF:
             self._watch.ask(ours.taking_off)
         elif command == NAV_LAND:
-            self._watch.ask(frozenset({ours.land}), may_disarm=True, passing=frozenset({ours.hold}))
+            self._watch.ask(frozenset({ours.land}), may_disarm=True, passing=ours.passing_to(ours.land))
         elif (mode := mode_asked_for(ours.kind, fields)) is not None:
-            # When setpoints stop before the mode is taken, the autopilot's failsafe holds meanwhile.
-            passing = frozenset() if mode == ours.offboard else frozenset({ours.hold})
-            self._requests[component] = self._watch.ask(frozenset({mode}), mode == ours.land, passing)
+            request = self._watch.ask(frozenset({mode}), mode == ours.land, ours.passing_to(mode))
+            self._requests[component] = request
 
     def _heartbeat(self, fields: Fields, now_s: float) -> None:
         kind = KINDS.get(fields["autopilot"])

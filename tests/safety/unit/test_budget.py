@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from companion.config.settings import Settings
 from companion.gate_plan import to_basis, to_plan
 from companion.safety.budget import (
-    CYCLE_S,
     FAILSAFE_BRAKE_MPS2,
     LAW_FLIES,
     SILENCE_EXTRA_S,
@@ -21,7 +20,7 @@ from companion.safety.budget import (
     stopping_budget,
 )
 from companion.safety.faults import Fault, Stage
-from companion.safety.plan import Plan, Reaction
+from companion.safety.plan import CYCLE_S, Plan, Reaction
 
 SETTINGS = Settings()
 PLAN = to_plan(SETTINGS, command=(), restart_command=())
