@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
 from companion.config.mapping import MapSettings
 from companion.mapping import lookup
-from companion.mapping.chunks import CHUNK_LIMIT, EDGE, NOTHING, doubled, empty_table
+from companion.mapping.chunks import CHUNK_LIMIT, EDGE, NOTHING, add_row, doubled, empty_table, find_row, is_full
 from companion.mapping.depth_image import clear_depth
 from companion.mapping.marks import mark_hits
+from companion.mapping.piece import MOST_CHUNKS, MapPiece
 from companion.mapping.sensor_model import steps_of
 from companion.mapping.snapshot import IntegrationReport, MapCounts, MapSnapshot
 from companion.mapping.update import merge_rows, update_chunks
@@ -158,6 +161,55 @@ class VoxelMap:
         changed = np.flatnonzero(self._table.revisions[: self._size] > since)
         states = lookup.states_of(self._table.values[changed], self._steps.threshold)
         return MapSnapshot(self.voxel_m, self._revision, self._table.coords[changed], np.asarray(states))
+
+    @property
+    def threshold(self) -> int:
+        """A voxel is occupied from this value on, in thousandths of log-odds."""
+        return self._steps.threshold
+
+    @property
+    def revision(self) -> int:
+        """Grows with everything that changes the map."""
+        return self._revision
+
+    def changed(self, since: int = 0) -> NDArray[np.int32]:
+        """(n, 3) coordinates of the chunks that changed after revision ``since``; 0 gives all."""
+        return self._table.coords[: self._size][self._table.revisions[: self._size] > since]
+
+    def piece(self, chunks: NDArray[np.int32]) -> MapPiece:
+        """A copy of some chunks, those among ``chunks`` (n, 3) that the map has."""
+        rows = np.array([find_row(self._table, *(int(part) for part in chunk)) for chunk in chunks], np.int64)
+        rows = rows[rows >= 0]
+        return MapPiece(self._table.coords[rows], self._table.values[rows])
+
+    def pieces(self, most_chunks: int = MOST_CHUNKS) -> Iterator[MapPiece]:
+        """Every chunk once, in no particular order, ``most_chunks`` at a time."""
+        everything = self.changed()
+        for first in range(0, len(everything), most_chunks):
+            yield self.piece(everything[first : first + most_chunks])
+
+    def put(self, piece: MapPiece) -> None:
+        """Take chunks as they are, in place of what the map had there."""
+        self._revision += 1
+        for chunk, values in zip(piece.chunks, piece.values, strict=True):
+            x, y, z = (int(part) for part in chunk)
+            row = find_row(self._table, x, y, z)
+            if row < 0:
+                if is_full(self._table):
+                    self._table = doubled(self._table)
+                row = add_row(self._table, x, y, z)
+            self._table.values[row] = values
+            self._table.revisions[row] = self._revision
+
+    def drop(self, chunks: NDArray[np.int32]) -> None:
+        """Forget those of ``chunks`` (n, 3) that the map has: they are unknown again, and what they held is free."""
+        gone = {tuple(chunk) for chunk in chunks.tolist()}
+        kept = MapPiece(self._table.coords[: self._size].copy(), self._table.values[: self._size].copy())
+        stays = np.array([tuple(chunk) not in gone for chunk in kept.chunks.tolist()], np.bool_)
+        revisions = self._table.revisions[: self._size][stays]
+        self._table = empty_table(self._table.coords.shape[0])
+        self.put(MapPiece(kept.chunks[stays], kept.values[stays]))
+        self._table.revisions[: self._size] = revisions
 
     def _room_for(self, depth_m: NDArray[np.float32]) -> _Room:
         """The image in memory of our own: compiled code differs for memory that is read-only or of another layout."""
