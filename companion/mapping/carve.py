@@ -1,7 +1,7 @@
-"""Second pass over a frame: which voxels of a chunk the camera looked through.
+"""Second pass over a frame: what the camera looked through.
 
-Blocks of voxels are judged as a whole before their voxels are: a chunk, and then its eighths, which are cubes of 8. A
-block behind the surface or outside the image is left alone, one that is clear everywhere needs no look at its voxels.
+Blocks of voxels are judged as a whole before their voxels are: a chunk, its eighths, and their bricks. A block behind
+the surface or outside the image is left alone, one that is clear everywhere needs no look at its voxels.
 """
 
 from __future__ import annotations
@@ -12,18 +12,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from companion.mapping.chunks import EDGE, OFFSETS
-from companion.mapping.depth_image import ClearDepth
+from companion.mapping.chunks import BRICK, OFFSETS
+from companion.mapping.depth_image import LEVELS, TILE_PX, ClearDepth
 from companion.mapping.view import Projection
 
 UNSEEN, CLEAR, MIXED = 0, 1, 2
 """What is known of all the voxels of a block: none is looked through; all are; neither is sure."""
 
 _NEARLY_ZERO_M = 1e-6
-
-_CUBE_VOLUME = 8**3
-
-_ALL = np.uint64(0xFFFFFFFFFFFFFFFF)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -57,27 +53,33 @@ def judge(clear: ClearDepth, p: Projection, i: int, j: int, k: int, edge: int) -
     if lower_v < 0.0 or upper_v >= p.height:
         return UNSEEN
     inside = nearest > 0.0 and left_u >= 0.0 and upper_v >= 0.0 and right_u < p.width and lower_v < p.height
-    column_0, column_1 = int(max(left_u, 0.0)) // clear.tile_px, int(min(right_u, p.width - 1.0)) // clear.tile_px
-    row_0, row_1 = int(max(upper_v, 0.0)) // clear.tile_px, int(min(lower_v, p.height - 1.0)) // clear.tile_px
+    left, right_most = int(max(left_u, 0.0)), int(min(right_u, p.width - 1.0))
+    upper, lower = int(max(upper_v, 0.0)), int(min(lower_v, p.height - 1.0))
+    # The level at which it covers three tiles at most along either side.
+    level, tile = 0, TILE_PX
+    extent = max(right_most - left, lower - upper)
+    while 2 * tile < extent and level < LEVELS - 1:
+        level, tile = level + 1, 2 * tile
     most, least = np.float32(0.0), np.float32(np.inf)
-    for row in range(row_0, row_1 + 1):
-        for column in range(column_0, column_1 + 1):
-            most = max(most, clear.tile_max_m[row, column])
-            least = min(least, clear.tile_min_m[row, column])
+    for row in range(upper // tile, lower // tile + 1):
+        for column in range(left // tile, right_most // tile + 1):
+            high_m, low_m = clear.most_m[level, row, column], clear.least_m[level, row, column]
+            most = max(most, high_m)
+            least = min(least, low_m)
     if nearest >= most:
         return UNSEEN
     return CLEAR if inside and farthest < least else MIXED
 
 
-class Cube(NamedTuple):
-    """The 512 voxels of a cube of 8 in Morton order: where they are from its lowest one, and room to work in.
+class Brick(NamedTuple):
+    """The 64 voxels of a brick in Morton order: where they are from its lowest one, and room to work in.
 
     Attributes:
-        depth_m: (512,) float64, added to the depth of the lowest voxel.
-        right: (512,) float64, the same for depth times (u - cx).
-        down: (512,) float64, the same for depth times (v - cy).
-        pixels: (512,) int32, the pixel that each voxel was last projected to, counted row by row.
-        depths_m: (512,) float32, its depth then; infinite outside the image.
+        depth_m: (64,) float64, added to the depth of the lowest voxel.
+        right: (64,) float64, the same for depth times (u - cx).
+        down: (64,) float64, the same for depth times (v - cy).
+        pixels: (64,) int32, the pixel that each voxel was last projected to, counted row by row.
+        depths_m: (64,) float32, its depth then; infinite outside the image.
     """
 
     depth_m: NDArray[np.float64]
@@ -88,70 +90,38 @@ class Cube(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def cube_of(p: Projection) -> Cube:
-    """The cube of 8 as one camera position sees it."""
-    x, y, z = OFFSETS[:_CUBE_VOLUME, 0], OFFSETS[:_CUBE_VOLUME, 1], OFFSETS[:_CUBE_VOLUME, 2]
-    return Cube(
+def brick_of(p: Projection) -> Brick:
+    """The brick as one camera position sees it."""
+    x, y, z = OFFSETS[:BRICK, 0], OFFSETS[:BRICK, 1], OFFSETS[:BRICK, 2]
+    return Brick(
         x * p.depth_i + y * p.depth_j + z * p.depth_k,
         x * p.right_i + y * p.right_j + z * p.right_k,
         x * p.down_i + y * p.down_j + z * p.down_k,
-        np.empty(_CUBE_VOLUME, np.int32),
-        np.empty(_CUBE_VOLUME, np.float32),
+        np.empty(BRICK, np.int32),
+        np.empty(BRICK, np.float32),
     )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def carve_chunk(
-    clear: ClearDepth, p: Projection, cube: Cube, i: int, j: int, k: int, verdict: int, seen: NDArray[np.uint64]
+def look_through(
+    clear: ClearDepth, p: Projection, brick: Brick, i: int, j: int, k: int, seen: NDArray[np.int16]
 ) -> None:
-    """Fill in ``seen`` (64,): one bit for each voxel of a chunk, set where the camera looked through its centre.
+    """Fill in ``seen`` (64,): 1 for each voxel of the brick at (i, j, k) whose centre the camera looked through.
 
-    Args:
-        clear: depth up to which each pixel has seen free space.
-        p: from voxels to pixels.
-        cube: from `cube_of`.
-        i: lowest voxel of the chunk, in the box.
-        j: the same along y.
-        k: the same along z.
-        verdict: what `judge` said of the whole chunk.
-        seen: is overwritten.
+    Projection and comparison are loops of their own without a branch, so that they run on the vector unit.
     """
-    seen[:] = _ALL if verdict == CLEAR else np.uint64(0)
-    if verdict != MIXED:
-        return
-    for eighth in range(8):
-        x, y, z = i + 8 * (eighth & 1), j + 4 * (eighth & 2), k + 2 * (eighth & 4)
-        judged = judge(clear, p, x, y, z, EDGE // 2)
-        if judged == CLEAR:
-            seen[8 * eighth : 8 * eighth + 8] = _ALL
-        elif judged == MIXED:
-            _project(p, cube, x, y, z)
-            _compare(clear, cube, seen, 8 * eighth)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _project(p: Projection, cube: Cube, i: int, j: int, k: int) -> None:
-    """Fill in the pixels and depths of the cube at (i, j, k). Has no branch, so that it runs on the vector unit."""
     depth_0 = p.depth_0 + i * p.depth_i + j * p.depth_j + k * p.depth_k
     right_0 = p.right_0 + i * p.right_i + j * p.right_j + k * p.right_k
     down_0 = p.down_0 + i * p.down_i + j * p.down_j + k * p.down_k
-    offset_m, right, down, pixels, depths_m = cube
+    offset_m, right, down, pixels, depths_m = brick
     edge_u, edge_v, width, height = p.edge_u, p.edge_v, p.width, p.height
-    for n in range(_CUBE_VOLUME):
+    for n in range(BRICK):
         depth = depth_0 + offset_m[n]
         scale = 1.0 / depth
         u, v = edge_u + (right_0 + right[n]) * scale, edge_v + (down_0 + down[n]) * scale
         inside = (depth > 0.0) & (u >= 0.0) & (v >= 0.0) & (u < width) & (v < height)
         pixels[n] = np.int32(v if inside else 0.0) * np.int32(width) + np.int32(u if inside else 0.0)
         depths_m[n] = np.float32(depth if inside else np.inf)
-
-
-@njit(cache=True, nogil=True)
-def _compare(clear: ClearDepth, cube: Cube, seen: NDArray[np.uint64], word: int) -> None:
-    """Fill in the eight words of the cube from ``word`` on: whether each voxel's pixel is clear beyond it."""
-    clear_m, pixels, depths_m = clear.depth_m, cube.pixels, cube.depths_m
-    for part in range(8):
-        bits = np.uint64(0)
-        for n in range(64):
-            bits |= np.uint64(depths_m[64 * part + n] < clear_m[pixels[64 * part + n]]) << np.uint64(n)
-        seen[word + part] = bits
+    clear_m = clear.depth_m
+    for n in range(BRICK):
+        seen[n] = depths_m[n] < clear_m[pixels[n]]

@@ -1,16 +1,16 @@
-"""Where voxels are kept: chunks of 16 x 16 x 16, found through a hash of their coordinates.
+"""Where a voxel is: chunks of 16 x 16 x 16 voxels, bricks of 4 x 4 x 4, and a hash of the chunks' coordinates.
 
 A voxel's value is its log-odds of being occupied in thousandths, or `NOTHING` where nothing was ever seen.
 
 The chunk of a voxel is its integer coordinate shifted by four bits, its place there the four bits left, which is right
 for negative coordinates too. Inside a chunk voxels are in Morton order: the bits of x, y and z take turns, z highest.
-So the voxels of an aligned cube of 4 lie side by side and are one 64-bit word of a bit set, and those of a cube of 8
-are eight words. It is OctoMap's order of children as well.
+So the voxels of an aligned cube of 4, a brick, lie side by side and are one 64-bit word of a bit set, and those of a
+cube of 8 are eight bricks. It is OctoMap's order of children as well.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -31,8 +31,11 @@ MASK = EDGE - 1
 VOLUME = EDGE**3
 """Voxels of a chunk."""
 
-WORDS = VOLUME // 64
-"""64-bit words that hold one bit for each voxel of a chunk."""
+BRICK = 64
+"""Voxels of a brick."""
+
+WORDS = VOLUME // BRICK
+"""Bricks of a chunk, and 64-bit words that hold one bit for each of its voxels."""
 
 NOTHING = np.int16(-32768)
 """Value of a voxel about which nothing is known."""
@@ -40,29 +43,11 @@ NOTHING = np.int16(-32768)
 CHUNK_LIMIT = 2**20
 """Chunk coordinates stay in [-CHUNK_LIMIT, CHUNK_LIMIT): three of them fit into one int64 key."""
 
-_EMPTY = -1
+EMPTY = -1
+"""Key of an empty place in the hash."""
+
 _GOLDEN = -7046029254386353131
 """2^64 divided by the golden ratio, as int64: spreads neighbouring keys over the table."""
-
-
-class ChunkTable(NamedTuple):
-    """The arrays of a chunk store, as the compiled functions take them.
-
-    Attributes:
-        keys: (2^k,) int64, the hash table: packed chunk coordinates, -1 where empty.
-        rows: (2^k,) int32, the row that belongs to the key beside it.
-        coords: (capacity, 3) int32, chunk coordinates of each row.
-        values: (capacity, 4096) int16, voxels of each row, in Morton order.
-        revisions: (capacity,) int64, the map's revision when the row last changed.
-        size: (1,) int64, how many rows are in use.
-    """
-
-    keys: NDArray[np.int64]
-    rows: NDArray[np.int32]
-    coords: NDArray[np.int32]
-    values: NDArray[np.int16]
-    revisions: NDArray[np.int64]
-    size: NDArray[np.int64]
 
 
 @njit(cache=True, nogil=True)
@@ -95,14 +80,20 @@ def chunk_key(x: Integer, y: Integer, z: Integer) -> Integer:
 
 
 @njit(cache=True, nogil=True)
-def _slot(keys: NDArray[np.int64], key: Integer) -> int:
-    """Where ``key`` is in the table, or the empty place where it belongs."""
-    mask = keys.shape[0] - 1
+def home_of(keys: NDArray[np.int64], key: Integer) -> int:
+    """Where in the hash table, whose size is a power of two, the search for a key begins."""
     # Twice, because x is in the highest bits of the key, and one product carries bits only upwards.
     mixed = key * _GOLDEN
     mixed = (mixed ^ (mixed >> 32)) * _GOLDEN
-    slot = int((mixed ^ (mixed >> 32)) & mask)
-    while keys[slot] != key and keys[slot] != _EMPTY:
+    return int((mixed ^ (mixed >> 32)) & (keys.shape[0] - 1))
+
+
+@njit(cache=True, nogil=True)
+def slot_of(keys: NDArray[np.int64], key: Integer) -> int:
+    """Where ``key`` is in the table, or the empty place where it belongs."""
+    mask = keys.shape[0] - 1
+    slot = home_of(keys, key)
+    while keys[slot] != key and keys[slot] != EMPTY:
         slot = (slot + 1) & mask
     return slot
 
@@ -110,67 +101,20 @@ def _slot(keys: NDArray[np.int64], key: Integer) -> int:
 @njit(cache=True, nogil=True)
 def row_of_key(keys: NDArray[np.int64], rows: NDArray[np.int32], key: Integer) -> int:
     """The row of the chunk with this key, or -1 when the map has none there."""
-    slot = _slot(keys, key)
+    slot = slot_of(keys, key)
     return int(rows[slot]) if keys[slot] == key else -1
 
 
 @njit(cache=True, nogil=True)
-def find_row(table: ChunkTable, x: Integer, y: Integer, z: Integer) -> int:
-    """The row of a chunk, or -1 when the map has none there."""
-    return row_of_key(table.keys, table.rows, chunk_key(x, y, z))
-
-
-@njit(cache=True, nogil=True)
-def is_full(table: ChunkTable) -> bool:
-    """Whether there is no room for another row: `doubled` makes it."""
-    return bool(table.size[0] == table.coords.shape[0])
-
-
-@njit(cache=True, nogil=True)
-def add_row(table: ChunkTable, x: Integer, y: Integer, z: Integer) -> int:
-    """A new row, wholly unknown, for a chunk that has none yet. The caller has made sure that there is room."""
-    row = int(table.size[0])
-    key = chunk_key(x, y, z)
-    slot = _slot(table.keys, key)
-    table.keys[slot] = key
-    table.rows[slot] = row
-    table.coords[row, 0] = x
-    table.coords[row, 1] = y
-    table.coords[row, 2] = z
-    table.values[row, :] = NOTHING
-    table.size[0] = row + 1
-    return row
-
-
-@njit(cache=True, nogil=True)
-def _index_rows(table: ChunkTable) -> None:
-    """Fill an empty hash table from the rows in use."""
-    for row in range(table.size[0]):
-        key = chunk_key(table.coords[row, 0], table.coords[row, 1], table.coords[row, 2])
-        slot = _slot(table.keys, key)
-        table.keys[slot] = key
-        table.rows[slot] = row
-
-
-def empty_table(capacity: int) -> ChunkTable:
-    """A table with room for ``capacity`` chunks, a power of two. The hash table is at most a quarter full."""
-    return ChunkTable(
-        keys=np.full(4 * capacity, _EMPTY, np.int64),
-        rows=np.zeros(4 * capacity, np.int32),
-        coords=np.zeros((capacity, 3), np.int32),
-        values=np.empty((capacity, VOLUME), np.int16),
-        revisions=np.zeros(capacity, np.int64),
-        size=np.zeros(1, np.int64),
-    )
-
-
-def doubled(table: ChunkTable) -> ChunkTable:
-    """The same chunks in a table with twice the room."""
-    size = int(table.size[0])
-    bigger = empty_table(2 * table.coords.shape[0])
-    bigger.coords[:size] = table.coords[:size]
-    bigger.values[:size] = table.values[:size]
-    bigger.revisions[:size] = table.revisions[:size]
-    bigger.size[0] = size
-    _index_rows(bigger)
-    return bigger
+def forget_key(keys: NDArray[np.int64], rows: NDArray[np.int32], key: Integer) -> None:
+    """Take a key that is there out of the table, and close the gap: those behind it move up to where they belong."""
+    mask = keys.shape[0] - 1
+    gap = slot_of(keys, key)
+    slot = (gap + 1) & mask
+    while keys[slot] != EMPTY:
+        home = home_of(keys, keys[slot])
+        if (slot - home) & mask >= (slot - gap) & mask:
+            keys[gap], rows[gap] = keys[slot], rows[slot]
+            gap = slot
+        slot = (slot + 1) & mask
+    keys[gap] = EMPTY

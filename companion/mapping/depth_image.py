@@ -1,4 +1,4 @@
-"""What a depth image says about free space: for each pixel a depth up to which it is clear, and tiles of these."""
+"""What a depth image says about free space: for each pixel a depth up to which it is clear, and a pyramid of these."""
 
 from __future__ import annotations
 
@@ -8,21 +8,26 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+TILE_PX = 8
+"""Edge of the smallest tile."""
+
+LEVELS = 6
+"""Tiles of 8, 16, .. 256 px."""
+
 
 class ClearDepth(NamedTuple):
     """Depth up to which each pixel has seen free space.
 
     Attributes:
         depth_m: (height * width,) float32, row by row, 0 where the pixel says nothing.
-        tile_min_m: (rows, columns) float32, least clear depth in each tile; 0 when one of its pixels says nothing.
-        tile_max_m: (rows, columns) float32, greatest clear depth in each tile.
-        tile_px: edge of a tile, in px.
+        least_m: (levels, rows, columns) float32, least clear depth in each tile of 8 px, of 16 px and so on, of which
+            there are half as many along each side; 0 when one of the tile's pixels says nothing.
+        most_m: (levels, rows, columns) float32, the greatest in the same way.
     """
 
     depth_m: NDArray[np.float32]
-    tile_min_m: NDArray[np.float32]
-    tile_max_m: NDArray[np.float32]
-    tile_px: int
+    least_m: NDArray[np.float32]
+    most_m: NDArray[np.float32]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -49,34 +54,73 @@ def clear_depth(
         clear: (height, width) room for the result.
     """
     height, width = depth_m.shape
-    tile_px = max(4, width // 40)
-    rows, columns = (height + tile_px - 1) // tile_px, (width + tile_px - 1) // tile_px
-    tile_min = np.full((rows, columns), np.inf, np.float32)
-    tile_max = np.zeros((rows, columns), np.float32)
+    rows, columns = (height + TILE_PX - 1) // TILE_PX, (width + TILE_PX - 1) // TILE_PX
+    least = np.full((LEVELS, rows, columns), np.inf, np.float32)
+    most = np.zeros((LEVELS, rows, columns), np.float32)
     lowest, limit = np.float32(lowest_m), np.float32(limit_m)
     margin, noise = np.float32(margin_m), np.float32(noise_per_m)
     far, nothing = np.float32(np.inf), np.float32(0.0)
-    # The least of three rows, with one column of "far" on either side so that the second sweep has no borders.
-    least = np.full(width + 2, far, np.float32)
+    # The least of three rows, with one column of "far" on either side so that the second sweep has no borders; and the
+    # least and the greatest of the rows of one tile, as wide as whole tiles.
+    near = np.full(width + 2, far, np.float32)
+    low = np.full(TILE_PX * columns, far, np.float32)
+    high = np.zeros(TILE_PX * columns, np.float32)
     for v in range(height):
-        above, below = max(v - 1, 0), min(v + 1, height - 1)
+        above, here, below = depth_m[max(v - 1, 0)], depth_m[v], depth_m[min(v + 1, height - 1)]
+        # Written as choices and not with min(), which would have to look for NaN: so it runs on the vector unit. A
+        # comparison with NaN is false, so it counts as far, which is to say not at all.
         for u in range(width):
-            d0, d1, d2 = depth_m[above, u], depth_m[v, u], depth_m[below, u]
-            # A comparison with NaN is false, so it counts as far, which is to say not at all.
+            d0, d1, d2 = above[u], here[u], below[u]
             d0 = d0 if d0 >= lowest else far
             d1 = d1 if d1 >= lowest else far
             d2 = d2 if d2 >= lowest else far
-            least[u + 1] = min(d0, min(d1, d2))
+            d0 = min(d1, d0)
+            near[u + 1] = min(d2, d0)
+        row = clear[v]
         for u in range(width):
-            nearest = min(least[u], min(least[u + 1], least[u + 2]))
-            free_m = nearest - margin - noise * nearest * nearest if nearest < limit else limit
-            clear[v, u] = max(free_m, nothing) if depth_m[v, u] >= lowest else nothing
-        row = v // tile_px
-        for column in range(columns):
-            low, high = tile_min[row, column], tile_max[row, column]
-            for u in range(column * tile_px, min((column + 1) * tile_px, width)):
-                low = min(low, clear[v, u])
-                high = max(high, clear[v, u])
-            tile_min[row, column] = low
-            tile_max[row, column] = high
-    return ClearDepth(clear.ravel(), tile_min, tile_max, tile_px)
+            d0, d1, d2 = near[u], near[u + 1], near[u + 2]
+            d0 = min(d1, d0)
+            d0 = min(d2, d0)
+            free_m = d0 - margin - noise * d0 * d0
+            free_m = max(nothing, free_m)
+            free_m = free_m if d0 < limit else limit
+            free_m = free_m if here[u] >= lowest else nothing
+            row[u] = free_m
+            low[u] = min(low[u], free_m)
+            high[u] = max(high[u], free_m)
+        if v % TILE_PX == TILE_PX - 1 or v == height - 1:
+            _put_tiles(low, high, least[0, v // TILE_PX], most[0, v // TILE_PX])
+    for level in range(1, LEVELS):
+        _halve(least[level - 1], most[level - 1], least[level], most[level], level)
+    return ClearDepth(clear.ravel(), least, most)
+
+
+@njit(cache=True, nogil=True)
+def _put_tiles(
+    low: NDArray[np.float32], high: NDArray[np.float32], least: NDArray[np.float32], most: NDArray[np.float32]
+) -> None:
+    """One row of the smallest tiles from the least and greatest of its columns, which are made ready for the next."""
+    for column in range(least.shape[0]):
+        for u in range(TILE_PX * column, TILE_PX * column + TILE_PX):
+            least[column] = min(least[column], low[u])
+            most[column] = max(most[column], high[u])
+            low[u], high[u] = np.float32(np.inf), np.float32(0.0)
+
+
+@njit(cache=True, nogil=True)
+def _halve(
+    fine_least: NDArray[np.float32],
+    fine_most: NDArray[np.float32],
+    least: NDArray[np.float32],
+    most: NDArray[np.float32],
+    level: int,
+) -> None:
+    """Fill in one level of the pyramid from the one below it."""
+    # What is beyond the border of the image is as in an empty tile, and there the arrays still are.
+    rows, columns = least.shape
+    for row in range((rows - 1 >> level - 1) + 1):
+        for column in range((columns - 1 >> level - 1) + 1):
+            low, high = fine_least[row, column], fine_most[row, column]
+            r, c = row >> 1, column >> 1
+            least[r, c] = min(least[r, c], low)
+            most[r, c] = max(most[r, c], high)

@@ -15,13 +15,12 @@ from companion.mapping.chunks import (
     OFFSETS,
     SHIFT,
     WORDS,
-    ChunkTable,
     Integer,
     chunk_key,
-    find_row,
     place_of,
     row_of_key,
 )
+from companion.mapping.store import CHUNKS, Table, find_row, shared_value
 from companion.model import FloatArray
 
 UNKNOWN, FREE, OCCUPIED = np.uint8(0), np.uint8(1), np.uint8(2)
@@ -63,7 +62,7 @@ def states_of(values: NDArray[np.int16], threshold: int) -> NDArray[np.uint8]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def states_at(table: ChunkTable, points: FloatArray, voxel_m: float, threshold: int) -> NDArray[np.uint8]:
+def states_at(table: Table, points: FloatArray, voxel_m: float, threshold: int) -> NDArray[np.uint8]:
     """The state of the voxel that holds each of ``points`` (n, 3), in m."""
     states = np.full(points.shape[0], UNKNOWN, np.uint8)
     for i in range(points.shape[0]):
@@ -72,7 +71,10 @@ def states_at(table: ChunkTable, points: FloatArray, voxel_m: float, threshold: 
         z = math.floor(points[i, 2] / voxel_m)
         row = find_row(table, x >> SHIFT, y >> SHIFT, z >> SHIFT)
         if row >= 0:
-            states[i] = _state(table.values[row, place_of(x & MASK, y & MASK, z & MASK)], threshold)
+            place = place_of(x & MASK, y & MASK, z & MASK)
+            code = table.codes[row, place >> 6]
+            value = shared_value(code) if code < 0 else int(table.voxels[code, place & 63])
+            states[i] = _state(value, threshold)
     return states
 
 
@@ -98,20 +100,24 @@ def centres(chunks: NDArray[np.int32], states: NDArray[np.uint8], state: np.uint
 
 
 @njit(cache=True, nogil=True)
-def occupied_bits(values: NDArray[np.int16], threshold: int) -> NDArray[np.uint64]:
-    """(n, 64) one bit for each of ``values`` (n, 4096), set where it is occupied."""
-    bits = np.empty((values.shape[0], WORDS), np.uint64)
-    for row in range(values.shape[0]):
+def occupied_bits(table: Table, threshold: int) -> NDArray[np.uint64]:
+    """(rows in use, 64) one bit for each voxel of each chunk, set where it is occupied."""
+    bits = np.zeros((table.used[CHUNKS], WORDS), np.uint64)
+    for row in range(bits.shape[0]):
         for w in range(WORDS):
+            code = table.codes[row, w]
+            if code < 0:
+                bits[row, w] = ~np.uint64(0) if shared_value(code) >= threshold else np.uint64(0)
+                continue
             word = np.uint64(0)
             for n in range(64):
-                word |= np.uint64(values[row, 64 * w + n] >= threshold) << np.uint64(n)
+                word |= np.uint64(table.voxels[code, n] >= threshold) << np.uint64(n)
             bits[row, w] = word
     return bits
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def near_occupied(table: ChunkTable, bits: NDArray[np.uint64], points: FloatArray, voxel_m: float) -> NDArray[np.bool_]:
+def near_occupied(table: Table, bits: NDArray[np.uint64], points: FloatArray, voxel_m: float) -> NDArray[np.bool_]:
     """Whether some voxel among the 27 around and at each of ``points`` (n, 3) is occupied.
 
     The 27 voxels lie in two cubes of 4 along each axis, which may be the same: eight words of ``bits``, each tested

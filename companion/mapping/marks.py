@@ -12,8 +12,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from companion.mapping.chunks import MASK, SHIFT, WORDS, place_of
+from companion.mapping.chunks import EDGE, MASK, SHIFT, VOLUME, WORDS, place_of
 from companion.mapping.view import Box, Rays
+
+_PLACE_BITS = 3 * SHIFT
 
 
 class Marks(NamedTuple):
@@ -30,77 +32,140 @@ class Marks(NamedTuple):
     pixels: NDArray[np.int64]
 
 
+class Room(NamedTuple):
+    """Room for one row of pixels.
+
+    Attributes:
+        i: (width,) int32, voxel of each end point along x of the box, -1 where there is none.
+        j: (width,) int32, along y.
+        k: (width,) int32, along z.
+        picked: (width + 1,) int32, pixels whose voxel is another than that of the pixel before them.
+    """
+
+    i: NDArray[np.int32]
+    j: NDArray[np.int32]
+    k: NDArray[np.int32]
+    picked: NDArray[np.int32]
+
+
+class Places(NamedTuple):
+    """Of each voxel coordinate in the box, its part in the sum 4096 chunk + place; that of the chunk is its number.
+
+    Attributes:
+        x: (voxels along x,) int64.
+        y: (voxels along y,) int64.
+        z: (voxels along z,) int64.
+    """
+
+    x: NDArray[np.int64]
+    y: NDArray[np.int64]
+    z: NDArray[np.int64]
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def mark_hits(
-    depth_m: NDArray[np.float32], rays: Rays, box: Box, chunks: NDArray[np.int32], places: NDArray[np.int32]
-) -> Marks:
+def mark_hits(depth_m: NDArray[np.float32], rays: Rays, box: Box) -> Marks:
     """The voxels that hold the end point of some pixel of a depth image.
 
     Args:
         depth_m: (height, width).
         rays: from pixels to voxels.
         box: the chunks around what the camera could see.
-        chunks: (height, width) room to work in.
-        places: the same.
     """
     height, width = depth_m.shape
-    clear = _end_points(depth_m, rays, box, chunks, places)
     slots = np.full(box.size_x * box.size_y * box.size_z, -1, np.int32)
-    used, hit = _give_slots(chunks, slots)
-    bits = np.zeros((used, WORDS), np.uint64)
-    _set_bits(chunks, places, slots, bits)
+    bits = np.zeros((width, WORDS), np.uint64)
+    room = Room(
+        np.empty(width, np.int32), np.empty(width, np.int32), np.empty(width, np.int32), np.empty(width + 1, np.int32)
+    )
+    places = _places(box)
+    used, hit, clear = 0, 0, 0
+    for v in range(height):
+        row_hit, row_clear = _end_points(depth_m[v], v, rays, room)
+        hit += row_hit
+        clear += row_clear
+        if row_hit:
+            if bits.shape[0] < used + min(row_hit, slots.shape[0] - used):
+                more = np.zeros((2 * bits.shape[0], WORDS), np.uint64)
+                more[:used] = bits[:used]
+                bits = more
+            used = _set_bits(room, _pick(room), places, slots, bits, used)
     return Marks(slots, bits, np.array([hit, clear, height * width - hit - clear], np.int64))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _end_points(
-    depth_m: NDArray[np.float32], rays: Rays, box: Box, chunks: NDArray[np.int32], places: NDArray[np.int32]
-) -> int:
-    """Fill in the chunk of each pixel's end point, -1 where it has none, and the place in the chunk.
+@njit(cache=True, nogil=True)
+def _places(box: Box) -> Places:
+    x, y, z = np.arange(EDGE * box.size_x), np.arange(EDGE * box.size_y), np.arange(EDGE * box.size_z)
+    for i in range(x.shape[0]):
+        x[i] = (i >> SHIFT) * box.size_y * box.size_z * VOLUME + place_of(i & MASK, 0, 0)
+    for j in range(y.shape[0]):
+        y[j] = (j >> SHIFT) * box.size_z * VOLUME + place_of(0, j & MASK, 0)
+    for k in range(z.shape[0]):
+        z[k] = (k >> SHIFT) * VOLUME + place_of(0, 0, k & MASK)
+    return Places(x, y, z)
 
-    There is no branch in here, so it runs on the processor's vector unit.
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _end_points(depths_m: NDArray[np.float32], v: int, rays: Rays, room: Room) -> tuple[int, int]:
+    """Fill in the voxels of the end points of a row of pixels.
+
+    There is no branch in here and all is of 32 bits, so it runs on the processor's vector unit. A depth has no more
+    bits either.
 
     Returns:
-        How many pixels saw free space up to the limit.
+        How many pixels hit something, and how many saw free space up to the limit.
     """
-    height, width = depth_m.shape
     lowest, limit = np.float32(rays.lowest_m), np.float32(rays.limit_m)
-    clear = 0
-    for v in range(height):
-        i_v, j_v, k_v = rays.i_d + v * rays.i_v, rays.j_d + v * rays.j_v, rays.k_d + v * rays.k_v
-        for u in range(width):
-            depth = depth_m[v, u]
-            ends = (depth >= lowest) & (depth < limit)
-            metres = depth if ends else np.float32(0.0)
-            i = np.int32(rays.i_0 + metres * (i_v + u * rays.i_u))
-            j = np.int32(rays.j_0 + metres * (j_v + u * rays.j_u))
-            k = np.int32(rays.k_0 + metres * (k_v + u * rays.k_u))
-            chunk = ((i >> SHIFT) * box.size_y + (j >> SHIFT)) * box.size_z + (k >> SHIFT)
-            chunks[v, u] = chunk if ends else -1
-            places[v, u] = place_of(i & MASK, j & MASK, k & MASK)
-            clear += depth >= limit
-    return clear
+    i_0, j_0, k_0 = np.float32(rays.i_0), np.float32(rays.j_0), np.float32(rays.k_0)
+    i_u, j_u, k_u = np.float32(rays.i_u), np.float32(rays.j_u), np.float32(rays.k_u)
+    i_v, j_v, k_v = (
+        np.float32(rays.i_d + v * rays.i_v),
+        np.float32(rays.j_d + v * rays.j_v),
+        np.float32(rays.k_d + v * rays.k_v),
+    )
+    is_, js, ks = room.i, room.j, room.k
+    hit, clear = 0, 0
+    for u in range(depths_m.shape[0]):
+        depth, column = depths_m[u], np.float32(np.int32(u))
+        ends = (depth >= lowest) & (depth < limit)
+        metres = depth if ends else np.float32(0.0)
+        is_[u] = np.int32(i_0 + metres * (i_v + column * i_u)) if ends else np.int32(-1)
+        js[u] = np.int32(j_0 + metres * (j_v + column * j_u))
+        ks[u] = np.int32(k_0 + metres * (k_v + column * k_u))
+    for u in range(depths_m.shape[0]):
+        hit += is_[u] >= 0
+        clear += depths_m[u] >= limit
+    return hit, clear
 
 
 @njit(cache=True, nogil=True)
-def _give_slots(chunks: NDArray[np.int32], slots: NDArray[np.int32]) -> tuple[int, int]:
-    """Number the chunks that were hit; how many these are, and how many pixels hit something."""
-    used, hit = 0, 0
-    for chunk in chunks.flat:
-        if chunk >= 0:
-            hit += 1
-            if slots[chunk] < 0:
-                slots[chunk] = used
-                used += 1
-    return used, hit
+def _pick(room: Room) -> int:
+    """Fill in the pixels with an end point in another voxel than the pixel before them; how many these are.
+
+    Most end in the same. There is no branch in here: with noise the processor could not foresee it.
+    """
+    is_, js, ks, picked = room
+    count = 0
+    last_i, last_j, last_k = np.int32(-1), np.int32(-1), np.int32(-1)
+    for u in range(is_.shape[0]):
+        i, j, k = is_[u], js[u], ks[u]
+        picked[count] = u
+        count += ((i != last_i) | (j != last_j) | (k != last_k)) & (i >= 0)
+        last_i, last_j, last_k = i, j, k
+    return count
 
 
 @njit(cache=True, nogil=True)
 def _set_bits(
-    chunks: NDArray[np.int32], places: NDArray[np.int32], slots: NDArray[np.int32], bits: NDArray[np.uint64]
-) -> None:
-    for v in range(chunks.shape[0]):
-        for u in range(chunks.shape[1]):
-            chunk, place = chunks[v, u], places[v, u]
-            if chunk >= 0:
-                bits[slots[chunk], place >> 6] |= np.uint64(1) << np.uint64(place & 63)
+    room: Room, count: int, places: Places, slots: NDArray[np.int32], bits: NDArray[np.uint64], used: int
+) -> int:
+    """Mark the voxels of the picked pixels; how many slots are in use then."""
+    for n in range(count):
+        u = np.uint32(room.picked[n])
+        code = places.x[np.uint32(room.i[u])] + places.y[np.uint32(room.j[u])] + places.z[np.uint32(room.k[u])]
+        chunk = np.uint64(code >> _PLACE_BITS)
+        slot = slots[chunk]
+        if slot < 0:
+            slot, used = np.int32(used), used + 1
+            slots[chunk] = slot
+        bits[np.uint32(slot), np.uint64(code >> 6 & (WORDS - 1))] |= np.uint64(1) << np.uint64(code & 63)
+    return used

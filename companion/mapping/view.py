@@ -166,12 +166,20 @@ def _box_around(
         for u in (-0.5, camera.width_px - 0.5)
         for v in (-0.5, camera.height_px - 0.5)
     ]
-    corners_m.append(origin_m)
+    return box_of(np.array([*corners_m, origin_m]), voxel_m)
+
+
+def box_of(corners_m: FloatArray, voxel_m: float) -> Box:
+    """The chunks around points (n, 3), in m.
+
+    Raises:
+        ValueError: one of them lies outside the grid.
+    """
     # One voxel around, so that a reading which rounding puts just outside still has its chunk.
     low = np.floor((np.min(corners_m, axis=0) - voxel_m) / (voxel_m * EDGE))
     high = np.floor((np.max(corners_m, axis=0) + voxel_m) / (voxel_m * EDGE))
     if max(np.abs(low).max(), np.abs(high).max()) >= CHUNK_LIMIT:
         reach_m = CHUNK_LIMIT * EDGE * voxel_m
-        raise ValueError(f"the camera at {origin_m} m is outside the map, which ends {reach_m:.0f} m from its origin")
+        raise ValueError(f"{corners_m[-1]} m is outside the map, which ends {reach_m:.0f} m from its origin")
     sizes = high - low + 1
     return Box(int(low[0]), int(low[1]), int(low[2]), int(sizes[0]), int(sizes[1]), int(sizes[2]))

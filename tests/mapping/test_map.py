@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from dataclasses import replace
+from random import Random
 
 import numpy as np
 import pytest
@@ -11,9 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.mapping import FREE, OCCUPIED, UNKNOWN, Mapper, MapSnapshot, VoxelMap
-from companion.mapping.chunks import OFFSETS, add_row, doubled, empty_table, find_row, is_full, place_of
+from companion.mapping.chunks import OFFSETS, place_of
 from companion.mapping.depth_image import clear_depth
 from companion.mapping.marks import mark_hits
+from companion.mapping.store import Store, find_row, forget_rows, has_room, keep_row, next_row
 from companion.mapping.update import update_chunks
 from companion.model import DepthFrame, Pose
 from tests.mapping.scenes import EXACT, camera, contents, frame, pose, room_depth, voxel_numbers
@@ -163,18 +165,24 @@ def test_the_table_grows_without_losing_anything() -> None:
 
 
 @settings(max_examples=50, deadline=None)
-@given(st.sets(st.tuples(*[st.integers(-(2**20), 2**20 - 1)] * 3), max_size=60))
-def test_each_chunk_has_its_own_row(coordinates: set[tuple[int, int, int]]) -> None:
-    """Protects the hash table: keys are unique over the whole grid, and growing loses no row."""
-    table = empty_table(4)
+@given(st.sets(st.tuples(*[st.integers(-(2**20), 2**20 - 1)] * 3), max_size=60), st.randoms(use_true_random=False))
+def test_each_chunk_has_its_own_row(coordinates: set[tuple[int, int, int]], random: Random) -> None:
+    """Protects the hash table: keys are unique over the whole grid, and neither growing nor forgetting loses a row."""
+    store = Store(4)
     for number, (x, y, z) in enumerate(sorted(coordinates)):
-        assert find_row(table, x, y, z) == -1
-        if is_full(table):
-            table = doubled(table)
-        assert add_row(table, x, y, z) == number
+        assert find_row(store.table, x, y, z) == -1
+        if not has_room(store.table):
+            store.grow()
+        assert next_row(store.table, x, y, z) == number
+        keep_row(store.table)
     for number, (x, y, z) in enumerate(sorted(coordinates)):
-        assert find_row(table, x, y, z) == number
-        assert tuple(table.coords[number]) == (x, y, z)
+        assert find_row(store.table, x, y, z) == number
+    gone = [one for one in sorted(coordinates) if random.random() < 0.5]
+    forget_rows(store.table, np.array(gone, np.int32).reshape(-1, 3))
+    assert store.chunks == len(coordinates) - len(gone)
+    for x, y, z in coordinates:
+        row = find_row(store.table, x, y, z)
+        assert row == -1 if (x, y, z) in gone else tuple(store.table.coords[row]) == (x, y, z)
 
 
 def test_places_are_in_morton_order() -> None:
