@@ -33,18 +33,20 @@ class Marks(NamedTuple):
 
 
 class Room(NamedTuple):
-    """Room for one row of pixels.
+    """Room for two rows of pixels.
 
     Attributes:
-        i: (width,) int32, voxel of each end point along x of the box, -1 where there is none.
-        j: (width,) int32, along y.
-        k: (width,) int32, along z.
-        picked: (width + 1,) int32, pixels whose voxel is another than that of the pixel before them.
+        i: (2, width) int32, voxel of each end point along x of the box, -1 where there is none.
+        j: (2, width) int32, along y.
+        k: (2, width) int32, along z.
+        alone: (width,) int8, 1 where the voxel is another than that of the pixels to the left and above.
+        picked: (width + 1,) int32, the pixels that are alone.
     """
 
     i: NDArray[np.int32]
     j: NDArray[np.int32]
     k: NDArray[np.int32]
+    alone: NDArray[np.int8]
     picked: NDArray[np.int32]
 
 
@@ -74,9 +76,8 @@ def mark_hits(depth_m: NDArray[np.float32], rays: Rays, box: Box) -> Marks:
     height, width = depth_m.shape
     slots = np.full(box.size_x * box.size_y * box.size_z, -1, np.int32)
     bits = np.zeros((width, WORDS), np.uint64)
-    room = Room(
-        np.empty(width, np.int32), np.empty(width, np.int32), np.empty(width, np.int32), np.empty(width + 1, np.int32)
-    )
+    voxels = np.full((3, 2, width), -1, np.int32)
+    room = Room(voxels[0], voxels[1], voxels[2], np.zeros(width, np.int8), np.empty(width + 1, np.int32))
     places = _places(box)
     used, hit, clear = 0, 0, 0
     for v in range(height):
@@ -88,7 +89,7 @@ def mark_hits(depth_m: NDArray[np.float32], rays: Rays, box: Box) -> Marks:
                 more = np.zeros((2 * bits.shape[0], WORDS), np.uint64)
                 more[:used] = bits[:used]
                 bits = more
-            used = _set_bits(room, _pick(room), places, slots, bits, used)
+            used = _set_bits(room, v, _pick(room, v), places, slots, bits, used)
     return Marks(slots, bits, np.array([hit, clear, height * width - hit - clear], np.int64))
 
 
@@ -122,7 +123,7 @@ def _end_points(depths_m: NDArray[np.float32], v: int, rays: Rays, room: Room) -
         np.float32(rays.j_d + v * rays.j_v),
         np.float32(rays.k_d + v * rays.k_v),
     )
-    is_, js, ks = room.i, room.j, room.k
+    is_, js, ks = room.i[v & 1], room.j[v & 1], room.k[v & 1]
     hit, clear = 0, 0
     for u in range(depths_m.shape[0]):
         depth, column = depths_m[u], np.float32(np.int32(u))
@@ -138,30 +139,37 @@ def _end_points(depths_m: NDArray[np.float32], v: int, rays: Rays, room: Room) -
 
 
 @njit(cache=True, nogil=True)
-def _pick(room: Room) -> int:
-    """Fill in the pixels with an end point in another voxel than the pixel before them; how many these are.
+def _pick(room: Room, v: int) -> int:
+    """Fill in the pixels with an end point in another voxel than those to the left and above; how many these are.
 
     Most end in the same. There is no branch in here: with noise the processor could not foresee it.
     """
-    is_, js, ks, picked = room
+    is_, js, ks, alone, picked = room
+    here, above = v & 1, ~v & 1
+    width = alone.shape[0]
+    for u in range(width):
+        ends, i, j, k = is_[here, u] >= 0, is_[here, u], js[here, u], ks[here, u]
+        alone[u] = np.int8(ends & ((i != is_[above, u]) | (j != js[above, u]) | (k != ks[above, u])))
+    for u in range(1, width):
+        i, j, k = is_[here, u], js[here, u], ks[here, u]
+        alone[u] &= np.int8((i != is_[here, u - 1]) | (j != js[here, u - 1]) | (k != ks[here, u - 1]))
     count = 0
-    last_i, last_j, last_k = np.int32(-1), np.int32(-1), np.int32(-1)
-    for u in range(is_.shape[0]):
-        i, j, k = is_[u], js[u], ks[u]
+    for u in range(width):
         picked[count] = u
-        count += ((i != last_i) | (j != last_j) | (k != last_k)) & (i >= 0)
-        last_i, last_j, last_k = i, j, k
+        count += alone[u]
     return count
 
 
 @njit(cache=True, nogil=True)
 def _set_bits(
-    room: Room, count: int, places: Places, slots: NDArray[np.int32], bits: NDArray[np.uint64], used: int
+    room: Room, v: int, count: int, places: Places, slots: NDArray[np.int32], bits: NDArray[np.uint64], used: int
 ) -> int:
     """Mark the voxels of the picked pixels; how many slots are in use then."""
+    is_, js, ks, picked = room.i[v & 1], room.j[v & 1], room.k[v & 1], room.picked
+    of_x, of_y, of_z = places
     for n in range(count):
-        u = np.uint32(room.picked[n])
-        code = places.x[np.uint32(room.i[u])] + places.y[np.uint32(room.j[u])] + places.z[np.uint32(room.k[u])]
+        u = np.uint32(picked[n])
+        code = of_x[np.uint32(is_[u])] + of_y[np.uint32(js[u])] + of_z[np.uint32(ks[u])]
         chunk = np.uint64(code >> _PLACE_BITS)
         slot = slots[chunk]
         if slot < 0:

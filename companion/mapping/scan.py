@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from companion.geometry import rotation
-from companion.mapping.brick import CHANGED, update_brick
+from companion.mapping.brick import CHANGED, look, update_brick
 from companion.mapping.chunks import BRICK, MASK, SHIFT, WORDS, place_of
 from companion.mapping.sensor_model import Steps
 from companion.mapping.store import Table, find_row, has_room, keep_row, next_row
@@ -69,7 +69,8 @@ def beams_of(scan: PlanarScan, voxel_m: float, max_range_m: float) -> tuple[Box,
     directions = level @ rotation(pose.yaw_rad, pose.pitch_rad, pose.roll_rad).T
     origin_m = np.array([pose.x_m, pose.y_m, pose.z_m])
     ends_m = origin_m + directions * lengths_m[:, np.newaxis]
-    box = box_of(np.vstack([ends_m, origin_m]), voxel_m)
+    corners_m = np.vstack([ends_m, origin_m])
+    box = box_of(corners_m.min(axis=0).tolist(), corners_m.max(axis=0).tolist(), voxel_m)
     start = origin_m / voxel_m - np.array([box.x, box.y, box.z]) * (MASK + 1)
     return box, Beams(start, directions, lengths_m / voxel_m, ranges_m[said] < limit_m)
 
@@ -138,8 +139,8 @@ def update_passed(
     Returns:
         The number of the chunk that did not find room, or the number of chunks when all are done.
     """
-    seen = np.empty(BRICK, np.int16)
-    gains = np.full(BRICK, steps.hits[0], np.int16)
+    work = look()
+    work.gains[:] = steps.hits[0]
     for number in range(start, passed.slots.shape[0]):
         slot = passed.slots[number]
         if slot < 0:
@@ -157,8 +158,8 @@ def update_passed(
             if hit | through == np.uint64(0):
                 continue
             for n in range(BRICK):
-                seen[n] = (through >> np.uint64(n)) & np.uint64(1)
-            changed |= update_brick(table, row, word, seen, hit, gains, steps, counts)
+                work.seen[n] = (through >> np.uint64(n)) & np.uint64(1)
+            changed |= update_brick(table, row, word, work, hit, steps, counts)
         if changed:
             if is_new:
                 keep_row(table)

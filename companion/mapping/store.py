@@ -52,13 +52,13 @@ class Table(NamedTuple):
     used: NDArray[np.int64]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def code_of(value: Integer) -> int:
     """The code of a brick whose voxels all have this value."""
     return _ALIKE - int(value)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def shared_value(code: Integer) -> int:
     """The value that all voxels of a brick have; its code is below zero."""
     return _ALIKE - int(code)
@@ -100,7 +100,7 @@ def keep_row(table: Table) -> None:
     table.used[CHUNKS] = row + 1
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def take_brick(table: Table) -> int:
     """A brick of the pool; its voxels are whatever they were."""
     if table.used[SPARE]:
@@ -110,7 +110,7 @@ def take_brick(table: Table) -> int:
     return int(table.used[BRICKS] - 1)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def give_back(table: Table, brick: Integer) -> None:
     """A brick is not needed any more."""
     table.spare[table.used[SPARE]] = brick
@@ -118,32 +118,44 @@ def give_back(table: Table, brick: Integer) -> None:
 
 
 @njit(cache=True, nogil=True)
+def is_alike(values: NDArray[np.int16]) -> bool:
+    """Whether all voxels of a brick have one value."""
+    other = np.int16(0)
+    for n in range(BRICK):
+        other |= values[n] ^ values[0]
+    return other == 0
+
+
+@njit(cache=True, nogil=True, inline="always")
 def store_brick(table: Table, row: int, word: int, values: NDArray[np.int16]) -> None:
     """Make ``values`` (64,) those of a brick; one whose voxels are all alike takes no memory."""
     code = table.codes[row, word]
-    least, most = values[0], values[0]
-    for n in range(BRICK):
-        value = values[n]
-        least = min(least, value)
-        most = max(most, value)
-    if least == most:
+    # Seldom are the first and the last alike and those between them not.
+    if values[0] == values[BRICK - 1] and is_alike(values):
         if code >= 0:
             give_back(table, code)
-        table.codes[row, word] = code_of(least)
+        table.codes[row, word] = code_of(values[0])
         return
     if code < 0:
         code = take_brick(table)
         table.codes[row, word] = code
-    table.voxels[code, :] = values
+    voxels = table.voxels
+    for n in range(BRICK):
+        voxels[code, n] = values[n]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def load_brick(table: Table, code: Integer, values: NDArray[np.int16]) -> None:
     """Fill in ``values`` (64,) with the voxels of a brick."""
+    # Loops, because assigning to a slice costs more than all the rest of a brick's update.
     if code >= 0:
-        values[:] = table.voxels[code]
+        voxels = table.voxels
+        for n in range(BRICK):
+            values[n] = voxels[code, n]
     else:
-        values[:] = np.int16(shared_value(code))
+        value = np.int16(shared_value(code))
+        for n in range(BRICK):
+            values[n] = value
 
 
 @njit(cache=True, nogil=True)

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from companion.mapping.brick import CHANGED, LOWERED, lowered, update_brick
+from companion.mapping.brick import CHANGED, LOWERED, look, lowered, update_brick
 from companion.mapping.carve import CLEAR, MIXED, UNSEEN, Brick, brick_of, judge, look_through
 from companion.mapping.chunks import BRICK, EDGE, WORDS
 from companion.mapping.depth_image import ClearDepth
@@ -56,7 +56,8 @@ def update_chunks(
         The number of the chunk that did not find room, or the number of chunks when all are done.
     """
     brick = brick_of(p)
-    seen, gains = np.empty(BRICK, np.int16), np.empty(BRICK, np.int16)
+    work = look()
+    miss, lowest = np.int16(steps.miss), np.int16(steps.lowest)
     no_hits = np.zeros(WORDS, np.uint64)
     sure = code_of(steps.lowest)
     for number in range(start, box.size_x * box.size_y * box.size_z):
@@ -82,21 +83,24 @@ def update_chunks(
                 if hit == np.uint64(0) and (verdict_8 == UNSEEN or code == sure):
                     continue
                 at_x, at_y, at_z = x + 4 * (word & 1), y + 2 * (word & 2), z + (word & 4)
-                verdict_4 = judge(clear, p, at_x, at_y, at_z, EDGE // 4) if verdict_8 == MIXED else verdict_8
+                verdict_4 = verdict_8
+                if verdict_8 == MIXED and hit == np.uint64(0):
+                    # Where a ray ended there is nearly always something of everything, and no need to ask.
+                    verdict_4 = judge(clear, p, at_x, at_y, at_z, EDGE // 4)
                 if hit == np.uint64(0) and verdict_4 == UNSEEN:
                     continue
                 if hit == np.uint64(0) and verdict_4 == CLEAR and code < 0:
-                    table.codes[row, word] = code_of(lowered(np.int16(shared_value(code)), steps))
+                    table.codes[row, word] = code_of(lowered(np.int16(shared_value(code)), miss, lowest))
                     counts[LOWERED] += BRICK
                     changed = True
                     continue
                 if verdict_4 == MIXED:
-                    look_through(clear, p, brick, at_x, at_y, at_z, seen)
+                    look_through(clear, p, brick, at_x, at_y, at_z, work.seen)
                 else:
-                    seen[:] = np.int16(verdict_4 == CLEAR)
+                    work.seen[:] = np.int16(verdict_4 == CLEAR)
                 if hit != np.uint64(0):
-                    _weigh(p, brick, at_x, at_y, at_z, steps, gains)
-                changed |= update_brick(table, row, word, seen, hit, gains, steps, counts)
+                    _weigh(p, brick, at_x, at_y, at_z, steps, work.gains)
+                changed |= update_brick(table, row, word, work, hit, steps, counts)
         if changed:
             if is_new:
                 keep_row(table)
@@ -108,8 +112,9 @@ def update_chunks(
 @njit(cache=True, nogil=True, error_model="numpy")
 def _weigh(p: Projection, brick: Brick, i: int, j: int, k: int, steps: Steps, gains: NDArray[np.int16]) -> None:
     """Fill in ``gains`` (64,): what a hit says of each voxel of the brick at (i, j, k), by its depth."""
-    depth_0 = p.depth_0 + i * p.depth_i + j * p.depth_j + k * p.depth_k
-    last_bin = steps.hits.shape[0] - 1
+    depth_0 = np.float32(p.depth_0 + i * p.depth_i + j * p.depth_j + k * p.depth_k)
+    bins_per_m, hits, offset_m = np.float32(steps.bins_per_m), steps.hits, brick.depth_m
+    last_bin = np.int32(hits.shape[0] - 1)
     for n in range(BRICK):
-        bin_ = int((depth_0 + brick.depth_m[n]) * steps.bins_per_m)
-        gains[n] = steps.hits[min(max(bin_, 0), last_bin)]
+        number = np.int32((depth_0 + offset_m[n]) * bins_per_m)
+        gains[n] = hits[np.uint32(min(max(number, np.int32(0)), last_bin))]

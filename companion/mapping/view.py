@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-
 from companion.geometry import camera_to_world
 from companion.mapping.chunks import CHUNK_LIMIT, EDGE
-from companion.model import Camera, DepthFrame, FloatArray, Pose
+from companion.model import Camera, DepthFrame, Pose
 
 
 class Box(NamedTuple):
@@ -107,32 +106,44 @@ def view_of(frame: DepthFrame, voxel_m: float, max_range_m: float) -> View:
     pose, camera = frame.pose, frame.camera
     _refuse_not_finite("pose", pose, _POSE_FIELDS)
     _refuse_not_finite("camera", camera, _CAMERA_FIELDS)
-    axes, origin_m = camera_to_world(camera, pose)
+    axes, origin = camera_to_world(camera, pose)
+    # From here on plain floats: for a handful of numbers numpy takes longer than the image does.
+    (ax, ay, az), origin_m = axes.T.tolist(), origin.tolist()
     limit_m = float(min(max_range_m, camera.max_range_m))
 
     # The ray of pixel (u, v) at depth 1 is base + u per_u + v per_v, in the world.
-    per_u, per_v = axes[:, 1] / -camera.fx_px, axes[:, 2] / -camera.fy_px
-    base = axes[:, 0] - camera.cx_px * per_u - camera.cy_px * per_v
-    box = _box_around(origin_m, base, per_u, per_v, camera, limit_m, voxel_m)
+    per_u = [part / -camera.fx_px for part in ay]
+    per_v = [part / -camera.fy_px for part in az]
+    base = [
+        forward - camera.cx_px * right - camera.cy_px * down
+        for forward, right, down in zip(ax, per_u, per_v, strict=True)
+    ]
+    corners_m = [
+        [o + limit_m * (b + u * r + v * d) for o, b, r, d in zip(origin_m, base, per_u, per_v, strict=True)]
+        for u in (-0.5, camera.width_px - 0.5)
+        for v in (-0.5, camera.height_px - 0.5)
+    ]
+    along = list(zip(*corners_m, origin_m, strict=True))
+    box = box_of([min(part) for part in along], [max(part) for part in along], voxel_m)
 
     # The camera from the lowest corner of the box, and from the centre of the lowest voxel.
-    camera_m = origin_m - np.array([box.x, box.y, box.z]) * (EDGE * voxel_m)
-    centre_m = 0.5 * voxel_m - camera_m
+    camera_m = [o - EDGE * voxel_m * low for o, low in zip(origin_m, box[:3], strict=True)]
+    centre_m = [0.5 * voxel_m - part for part in camera_m]
     forms: list[float] = []
-    for axis, scale in ((axes[:, 0], 1.0), (axes[:, 1], -camera.fx_px), (axes[:, 2], -camera.fy_px)):
-        forms += [float(scale * (axis @ centre_m)), *(float(scale * voxel_m * part) for part in axis)]
+    for axis, scale in ((ax, 1.0), (ay, -camera.fx_px), (az, -camera.fy_px)):
+        offset = sum(part * centre for part, centre in zip(axis, centre_m, strict=True))
+        forms += [scale * offset, *(scale * voxel_m * part for part in axis)]
     ends: list[float] = []
-    for axis_number in range(3):
-        vectors = (camera_m, base, per_u, per_v)
-        ends += [float(vector[axis_number]) / voxel_m for vector in vectors]
+    for vector in zip(camera_m, base, per_u, per_v, strict=True):
+        ends += [part / voxel_m for part in vector]
     # Plain float and int throughout: for any other kind of number everything would be compiled once more, in flight.
     edges = float(camera.cx_px) + 0.5, float(camera.cy_px) + 0.5
     # A depth of zero is no measurement, whatever the camera's least range is.
     lowest_m = float(max(camera.min_range_m, _LEAST_DEPTH_M))
     return View(
         box=box,
-        projection=Projection._make((*forms, *edges, int(camera.width_px), int(camera.height_px), limit_m)),
-        rays=Rays._make((*ends, lowest_m, limit_m)),
+        projection=Projection._make((*map(float, forms), *edges, int(camera.width_px), int(camera.height_px), limit_m)),
+        rays=Rays._make((*map(float, ends), lowest_m, limit_m)),
     )
 
 
@@ -151,35 +162,19 @@ def _refuse_not_finite(name: str, value: Pose | Camera, fields: tuple[str, ...])
             raise ValueError(f"{name}.{field} is {number}: it must be finite")
 
 
-def _box_around(
-    origin_m: FloatArray,
-    base: FloatArray,
-    per_u: FloatArray,
-    per_v: FloatArray,
-    camera: Camera,
-    limit_m: float,
-    voxel_m: float,
-) -> Box:
-    """The chunks around the pyramid from the optical centre to the outer corners of the image at ``limit_m``."""
-    corners_m = [
-        origin_m + limit_m * (base + u * per_u + v * per_v)
-        for u in (-0.5, camera.width_px - 0.5)
-        for v in (-0.5, camera.height_px - 0.5)
-    ]
-    return box_of(np.array([*corners_m, origin_m]), voxel_m)
-
-
-def box_of(corners_m: FloatArray, voxel_m: float) -> Box:
-    """The chunks around points (n, 3), in m.
+def box_of(low_m: Sequence[float], high_m: Sequence[float], voxel_m: float) -> Box:
+    """The chunks between two corners, in m.
 
     Raises:
         ValueError: one of them lies outside the grid.
     """
     # One voxel around, so that a reading which rounding puts just outside still has its chunk.
-    low = np.floor((np.min(corners_m, axis=0) - voxel_m) / (voxel_m * EDGE))
-    high = np.floor((np.max(corners_m, axis=0) + voxel_m) / (voxel_m * EDGE))
-    if max(np.abs(low).max(), np.abs(high).max()) >= CHUNK_LIMIT:
-        reach_m = CHUNK_LIMIT * EDGE * voxel_m
-        raise ValueError(f"{corners_m[-1]} m is outside the map, which ends {reach_m:.0f} m from its origin")
-    sizes = high - low + 1
-    return Box(int(low[0]), int(low[1]), int(low[2]), int(sizes[0]), int(sizes[1]), int(sizes[2]))
+    edge_m = voxel_m * EDGE
+    low = [math.floor((part - voxel_m) / edge_m) for part in low_m]
+    high = [math.floor((part + voxel_m) / edge_m) for part in high_m]
+    if max(map(abs, (*low, *high))) >= CHUNK_LIMIT:
+        raise ValueError(
+            f"what is seen from {low_m[0]:.0f}, {low_m[1]:.0f}, {low_m[2]:.0f} m is outside the map, which ends "
+            f"{CHUNK_LIMIT * edge_m:.0f} m from its origin"
+        )
+    return Box(low[0], low[1], low[2], high[0] - low[0] + 1, high[1] - low[1] + 1, high[2] - low[2] + 1)
