@@ -104,6 +104,7 @@ class Loop:
         callers = self._doors.wait(self._due_s - self._clock())
         now_s = self._clock()
         if now_s > self._turned_s + STALLED_S:
+            self._log.say(f"the gate stood still for {now_s - self._turned_s:.2f} s")
             self._catch_up(self._turned_s)
         self._turned_s = now_s
         for serve in callers:

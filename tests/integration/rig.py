@@ -25,7 +25,7 @@ from companion.config.autopilot import AutopilotSettings
 from companion.config.settings import Settings
 from companion.model import Setpoint
 from sitl.together.crew import command, environment, free_udp_ports
-from tests.integration.relay import LOOPBACK, Relay
+from tests.integration.relay import LOOPBACK, UdpRelay
 from tests.integration.witness import Witness
 
 PERSONALITIES = ("px4", "ardupilot")
@@ -124,7 +124,7 @@ class Stage:
 
     personality: str
     port: int
-    relay: Relay
+    relay: UdpRelay
     witness: Witness
 
 
@@ -140,7 +140,7 @@ def stage(
     (port,) = free_udp_ports(1)
     own = folder / personality
     own.mkdir()
-    with Relay(port, lost_share) as relay, Witness() as witness:
+    with UdpRelay(port, lost_share) as relay, Witness() as witness:
         stub = Stub(own, personality, (relay.port, witness.port), boot_s=boot_s, parameters=parameters)
         with stub.running():
             yield Stage(personality, port, relay, witness)

@@ -10,11 +10,11 @@ import pytest
 from tests.integration.rig import HEIGHT_M, Stage, aboard, both, fly_all, until
 from tests.integration.witness import apart_m, speed_mps
 
-SETPOINT = "SET_POSITION_TARGET_LOCAL_NED"
 LOST_SHARE = 0.05
 DEAD_S = 10.0
 
 
+@pytest.mark.flight
 @pytest.mark.timeout(120)
 def test_five_percent_of_lost_packets_do_not_end_a_flight(tmp_path: Path) -> None:
     """Protects a flight over a radio: questions are asked again, and lost setpoints are few."""
@@ -38,6 +38,7 @@ async def _fly_lossy(ours: Stage) -> None:
         assert 0.02 < lost / (lost + passed) < 0.09, "the link did lose"
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 def test_a_link_that_dies_stops_the_vehicle_and_gives_back_only_what_is_still_ours(tmp_path: Path) -> None:
     """Protects the ten seconds in which neither side hears the other, and the moment after.
@@ -61,7 +62,7 @@ async def _fly_through_an_outage(ours: Stage) -> None:
 
         assert vehicle.silent_because is not None
         assert "no heartbeat" in vehicle.silent_because
-        assert relay.sent(SETPOINT, died_s + 4.5) == [], "who hears nothing says nothing"
+        assert relay.seen.setpoints(died_s + 4.5) == [], "who hears nothing says nothing"
         dead = [pose for pose in tuple(witness.poses) if pose.t_s > died_s + 3.0]
         assert max(map(speed_mps, dead)) < 0.15
         assert apart_m(witness.pose_at(died_s), witness.pose()) < 0.9
@@ -74,7 +75,7 @@ async def _fly_through_an_outage(ours: Stage) -> None:
         sent = await flight.stream(3.0, 0.5)
         if personality == "px4":
             assert (vehicle.pilot_took_over, vehicle.foreign_mode) == (True, "hold")
-            assert (sent, relay.sent(SETPOINT, back_s)) == (0, [])
+            assert (sent, relay.seen.setpoints(back_s)) == (0, [])
             assert (witness.mode, witness.armed) == ("hold", True)
         else:
             assert not vehicle.pilot_took_over

@@ -20,6 +20,7 @@ FLOAT = {"px4": "COM_OF_LOSS_T", "ardupilot": "GUID_TIMEOUT"}
 FAILSAFES = {"px4": {"COM_OF_LOSS_T", "COM_OBL_RC_ACT"}, "ardupilot": {"GUID_TIMEOUT", "AVOID_ENABLE"}}
 
 
+@pytest.mark.flight
 @pytest.mark.timeout(100)
 def test_what_the_autopilot_refuses_is_told_in_its_own_words_and_nothing_is_armed(tmp_path: Path) -> None:
     """Protects the person on the ground, who must see why, and the flight that must not begin half configured."""
@@ -42,7 +43,7 @@ async def _refused(ours: Stage) -> None:
         with pytest.raises(LinkError, match="did not answer a question for parameter"):
             await flight.link.get_param(FLOAT[personality])
     assert not witness.ever_armed
-    assert relay.sent("SET_POSITION_TARGET_LOCAL_NED") == []
+    assert relay.seen.setpoints() == []
 
 
 async def _parameters(personality: str, flight: Aboard) -> None:

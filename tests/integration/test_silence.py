@@ -9,23 +9,22 @@ from pathlib import Path
 import pytest
 
 from sitl.autopilot.mavlink import dialect as m
-from tests.integration.rig import HEIGHT_M, PERSONALITIES, Aboard, Stage, aboard, stage, until
+from tests.integration.rig import HEIGHT_M, Aboard, Stage, aboard, both, fly_all, until
 from tests.integration.witness import Witness, apart_m, speed_mps
 
-SETPOINT = "SET_POSITION_TARGET_LOCAL_NED"
 SPEED_MPS = 0.5
 
 
-@pytest.mark.timeout(100)
-@pytest.mark.parametrize("personality", PERSONALITIES)
-def test_silence_stops_the_vehicle_and_only_what_was_not_taken_away_goes_on(personality: str, tmp_path: Path) -> None:
+@pytest.mark.slow
+@pytest.mark.timeout(120)
+def test_silence_stops_the_vehicle_and_only_what_was_not_taken_away_goes_on(tmp_path: Path) -> None:
     """Protects the last layer of safety: an application that fails falls silent, and the autopilot must then stop.
 
     And what comes after: PX4 has taken the vehicle with its failsafe, so that it is no longer ours, even when
     somebody's setpoints bring it back to offboard. ArduPilot only waits in guided for the next setpoint.
     """
-    with stage(tmp_path, personality) as ours:
-        asyncio.run(_fly(ours))
+    with both(tmp_path) as stages:
+        fly_all(stages, _fly)
 
 
 async def _fly(ours: Stage) -> None:
@@ -45,7 +44,7 @@ async def _fly(ours: Stage) -> None:
             way_m = apart_m(witness.pose_at(silent_s), witness.pose())
             assert 0.15 < way_m < 0.8, "0.4 and 0.54 m were measured on the real ones"
             assert abs(witness.pose().z_m - HEIGHT_M) < 0.5, "and it neither lands nor climbs"
-            assert relay.sent(SETPOINT, silent_s + 0.1) == [], "nothing repeats the last setpoint"
+            assert relay.seen.setpoints(silent_s + 0.1) == [], "nothing repeats the last setpoint"
             if personality == "px4":
                 await _after_px4s_failsafe(witness, flight)
             else:
@@ -54,7 +53,7 @@ async def _fly(ours: Stage) -> None:
                 assert witness.speed_at(time.monotonic() - 0.2) > 0.2, "guided again, without being asked to"
             left_s = time.monotonic()
         await asyncio.sleep(1.2)
-        told = relay.sent("COMMAND_LONG", left_s)
+        told = relay.seen.commands(left_s)
         if personality == "px4":
             assert [message for message in told if message.command == m.MAV_CMD_DO_SET_MODE] == []
             assert witness.mode != "land", "it is not ours to land"

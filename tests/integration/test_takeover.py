@@ -12,16 +12,20 @@ from companion.autopilot.vehicle import TakenOver
 from companion.autopilot.wire import LinkError
 from sitl.autopilot.mavlink import dialect as m
 from sitl.together.crew import free_udp_ports
-from tests.integration.relay import Relay
+from tests.integration.relay import UdpRelay
 from tests.integration.rig import HEIGHT_M, PERSONALITIES, PILOTS_MODE, Stub, aboard
 from tests.integration.witness import Witness
 
 OURS, OTHER = 1, 2
-SETPOINT = "SET_POSITION_TARGET_LOCAL_NED"
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(100)
-@pytest.mark.parametrize("personality", PERSONALITIES)
+@pytest.mark.parametrize(
+    "personality",
+    # ArduPilot's pilot is obeyed in `test_application_ends` too.
+    ["px4", pytest.param("ardupilot", marks=pytest.mark.flight)],
+)
 def test_the_pilot_of_our_vehicle_is_obeyed_at_once_and_the_one_of_another_is_not(
     personality: str, tmp_path: Path
 ) -> None:
@@ -32,7 +36,7 @@ def test_the_pilot_of_our_vehicle_is_obeyed_at_once_and_the_one_of_another_is_no
     (port,) = free_udp_ports(1)
     stranger = next(name for name in PERSONALITIES if name != personality)
     with (
-        Relay(port) as relay,
+        UdpRelay(port) as relay,
         Witness() as witness,
         Witness(system_id=OTHER) as others_witness,
         Stub(tmp_path, personality, (relay.port, witness.port), OURS).running() as stub,
@@ -41,7 +45,7 @@ def test_the_pilot_of_our_vehicle_is_obeyed_at_once_and_the_one_of_another_is_no
         asyncio.run(_fly(personality, port, (relay, witness, stub), (others_witness, other)))
 
 
-async def _fly(personality: str, port: int, ours: tuple[Relay, Witness, Stub], others: tuple[Witness, Stub]) -> None:
+async def _fly(personality: str, port: int, ours: tuple[UdpRelay, Witness, Stub], others: tuple[Witness, Stub]) -> None:
     (relay, witness, stub), (others_witness, other) = ours, others
     with pytest.raises(LinkError, match=r"only autopilots of other systems: 1, 2\. Set autopilot\.system_id"):
         async with aboard(port, system_id=9, connect_timeout_s=2.5):
@@ -66,8 +70,8 @@ async def _fly(personality: str, port: int, ours: tuple[Relay, Witness, Stub], o
                 with pytest.raises(TakenOver, match=PILOTS_MODE[personality]):
                     await take_back()
         await asyncio.sleep(1.5)
-        assert relay.sent(SETPOINT, hands_off_s) == []
-        told = {message.command for message in relay.sent("COMMAND_LONG", hands_off_s)}
+        assert relay.seen.setpoints(hands_off_s) == []
+        told = {message.command for message in relay.seen.commands(hands_off_s)}
         flown_by = {m.MAV_CMD_DO_SET_MODE, m.MAV_CMD_COMPONENT_ARM_DISARM, m.MAV_CMD_NAV_LAND}
         assert not told & flown_by, "nothing takes the vehicle back, also not the end of the block"
         assert (witness.mode, witness.armed) == (PILOTS_MODE[personality], True)

@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 
 from companion.autopilot.personality import DO_SET_MODE
+from tests.integration.seen import CommandSeen, SetpointSeen
 from tests.safety.matrix.__main__ import main
 from tests.safety.matrix.faults import BY_NAME, CELLS, FAULTS
 from tests.safety.matrix.injection import PERSONALITIES, Final
 from tests.safety.matrix.outcome import NAV_LAND, Outcome, brake_begins_s, stops
 from tests.safety.matrix.report import BEGIN, END, ReportError, markdown, write_into_docs
 from tests.safety.matrix.run import fly
-from tests.safety.matrix.seen import CommandSeen, SetpointSeen
 
 LEAST_FAULTS = 30
 """As many the safety case promises."""
@@ -33,10 +33,16 @@ def test_no_fault_leads_into_the_wall(name: str, personality: str, tmp_path: Pat
     """Protects the promise of the whole safety gate, in the flights that tell most: no contact, and the right end."""
     outcome = fly(name, personality, tmp_path)
 
-    assert outcome.problem is None, outcome
+    assert outcome.problem is None, f"{outcome}\n{_said(tmp_path)}"
     assert outcome.contacts == 0
     assert outcome.least_m > 0.5, "from the middle of a body with a radius of 0.35 m"
     assert outcome.speed_mps > 0.3, "it flew when the fault came"
+
+
+def _said(parent: Path) -> str:
+    """By gate and application, in the newest flight."""
+    newest = max(parent.glob("*/gate.log"), key=lambda log: log.stat().st_mtime)
+    return newest.read_text(encoding="utf-8", errors="replace")
 
 
 def test_the_matrix_is_whole(capsys: pytest.CaptureFixture[str]) -> None:

@@ -30,6 +30,8 @@ from tests.safety.matrix.report import ReportError, markdown, write_into_docs
 from tests.safety.matrix.run import end_with_parent, fly_in_pool
 
 CORES_PER_FLIGHT = 2
+STOOD_S = 0.1
+"""The computer is said to have stood still."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -108,6 +110,8 @@ def _line(outcome: Outcome) -> str:
     if outcome.brake_s is not None and outcome.brake_s > AIM_S and BY_NAME[outcome.name].needs_stop:
         brake += f" (aim {AIM_S:g})"
     again = "" if outcome.attempts == 1 else f", attempt {outcome.attempts}"
+    if outcome.stood_still_s > STOOD_S:
+        again += f", the computer stood still for {outcome.stood_still_s:.2f} s"
     return (
         f"{'ok' if outcome.ok else 'FAILED: ' + str(outcome.problem)}; {brake}, {outcome.speed_mps:.2f} m/s at "
         f"{outcome.wall_m:.2f} m, went on {outcome.travelled_m:.2f} m, least {outcome.least_m:.2f} m, "

@@ -9,9 +9,9 @@ from collections.abc import Callable
 from companion.config.settings import Settings
 from sitl.autopilot.mavlink import dialect as m
 from sitl.autopilot.px4 import PX4
+from tests.integration.relay import pack
 from tests.safety.matrix.injection import Final, Injection
 from tests.safety.matrix.pose_faults import POSE_FAULTS, STOPPED, altered, changes_worked, without
-from tests.safety.matrix.relay import pack
 from tests.safety.matrix.scene import Flight
 from tests.safety.matrix.vehicle_faults import PEOPLES_ORDERS, VEHICLE_FAULTS
 

@@ -12,10 +12,10 @@ from pathlib import Path
 from companion.autopilot.kind import AutopilotKind
 from companion.autopilot.personality import DO_SET_MODE, personality
 from tests.integration.rig import PILOTS_MODE
+from tests.integration.seen import CommandSeen, SetpointSeen, TextSeen
 from tests.integration.witness import Witness
 from tests.safety.matrix.injection import Final, Injection
 from tests.safety.matrix.scene import Flight
-from tests.safety.matrix.seen import CommandSeen, SetpointSeen, TextSeen
 
 AIM_S = 0.15
 """From fault to brake, beyond the configured limit."""
@@ -50,7 +50,8 @@ class Outcome:
         final: how it stood in the end.
         gate: what the gate told its pilot, oldest first.
         problem: what was not as it must be, in words; None: nothing.
-        attempts: flights that it took to come as far as the fault.
+        attempts: flights that it took to come as far as the fault, on a computer that did not stand still.
+        stood_still_s: the longest time for which the gate, the autopilot or the wires waited for a processor.
     """
 
     name: str
@@ -66,6 +67,7 @@ class Outcome:
     gate: tuple[str, ...]
     problem: str | None
     attempts: int = 1
+    stood_still_s: float = 0.0
 
     @property
     def ok(self) -> bool:

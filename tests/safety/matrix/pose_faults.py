@@ -8,8 +8,8 @@ from collections.abc import Callable
 from companion.config.settings import Settings
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
+from tests.integration.relay import Alter, repacked
 from tests.safety.matrix.injection import Final, Injection
-from tests.safety.matrix.relay import Alter, repacked
 from tests.safety.matrix.scene import Flight
 
 JUMP_M = 2.0

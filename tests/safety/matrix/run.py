@@ -12,15 +12,20 @@ import tempfile
 import time
 from pathlib import Path
 
+from companion.config.settings import Settings
 from tests.safety.matrix.faults import BY_NAME
 from tests.safety.matrix.injection import Injection
 from tests.safety.matrix.outcome import Outcome, judged
-from tests.safety.matrix.scene import SceneError, approach, flying
+from tests.safety.matrix.scene import Flight, SceneError, approach, flying
 
 ATTEMPTS = 3
-"""A flight that does not come as far as its fault, on a computer that is busy with others, is flown once more."""
+"""A flight that shows nothing, on a computer that is busy with others, is flown once more."""
 
 PR_SET_PDEATHSIG = 1
+
+
+class StoodStillError(SceneError):
+    """The computer did not run the gate, the autopilot or the wires: what followed says nothing of the gate."""
 
 
 def end_with_parent() -> None:
@@ -47,7 +52,7 @@ def fly(name: str, personality: str, parent: Path | None = None) -> Outcome:
         parent: where the flight's folder goes, and stays; None: it is deleted.
 
     Raises:
-        SceneError: it never came as far as the fault.
+        SceneError: it never came as far as the fault, or the computer stood still each time.
     """
     injection = BY_NAME[name]
     for attempt in range(1, ATTEMPTS + 1):
@@ -75,4 +80,23 @@ def _fly(injection: Injection, personality: str, folder: Path) -> Outcome:
         verified = None if injection.verify is None else injection.verify(flight)
         if injection.undo is not None:
             injection.undo(flight)
-    return judged(flight, injection, fault_s, end_s, verified)
+    stood_s = stood_still(flight, fault_s, end_s)
+    return dataclasses.replace(judged(flight, injection, fault_s, end_s, verified), stood_still_s=stood_s)
+
+
+def patience_s(settings: Settings) -> float:
+    """A wait that the gate cannot make good: a zero was just due, and one more may be, before the autopilot acts."""
+    return settings.autopilot.silence_s - 2.0 * settings.control.period_s
+
+
+def stood_still(flight: Flight, since_s: float, until_s: float) -> float:
+    """How long anybody had to wait for a processor between two moments of `time.monotonic`, in s.
+
+    Raises:
+        StoodStillError: for longer than the autopilot waits for setpoints.
+    """
+    longest = flight.standstill.longest(since_s, until_s)
+    limit_s = patience_s(flight.settings)
+    if longest.lasted_s > limit_s:
+        raise StoodStillError(f"the computer stood still for longer than {limit_s:g} s: {longest}")
+    return longest.lasted_s

@@ -21,11 +21,12 @@ from companion.gate_plan import to_plan
 from companion.handover import module, sealed
 from companion.safety.plan import Plan
 from sitl.together.crew import command, environment, free_tcp_port, free_udp_ports
+from tests.integration.relay import UdpRelay
 from tests.integration.rig import BOOT_S, SILENCE
 from tests.integration.witness import Witness, speed_mps
 from tests.safety.matrix.corridor import TO_WALL_M, corridor
 from tests.safety.matrix.processes import children, map_process
-from tests.safety.matrix.relay import UdpRelay
+from tests.safety.matrix.standstill import Standstill
 from tests.safety.matrix.stream_relay import StreamRelay
 
 LOOPBACK = "127.0.0.1"
@@ -65,6 +66,7 @@ class Flight:
         relay: between autopilot and gate.
         stream: between world and application.
         witness: a ground station that only looks on.
+        standstill: tells when the computer did not run what has to run.
         control_port: of the autopilot: takeover, battery PERCENT, gps on|off.
         flyer_port: of the application: the words of `flyer_faults`.
     """
@@ -79,6 +81,7 @@ class Flight:
     relay: UdpRelay
     stream: StreamRelay
     witness: Witness
+    standstill: Standstill
     control_port: int
     flyer_port: int
 
@@ -148,13 +151,15 @@ def flying(folder: Path, personality: str, settings: Mapping[str, Mapping[str, A
             stack, folder, "autopilot", _autopilot(personality, control_port, (relay.port, witness.port, world_port))
         )
         plan, gate = _gate(stack, folder, loaded, flyer_port)
+        standstill = stack.enter_context(Standstill({"the gate": gate.pid, "the autopilot": autopilot.process.pid}))
         flight = Flight(
-            *(folder, personality, config, loaded, plan, gate),
-            *(gate_port, relay, stream, witness, control_port, flyer_port),
+            *(folder, personality, config, loaded, plan, gate, gate_port),
+            *(relay, stream, witness, standstill),
+            *(control_port, flyer_port),
         )
         stack.enter_context(_precedence())
-        autopilot("standing at")
-        world("waiting for its truth")
+        autopilot.wait("standing at")
+        world.wait("waiting for its truth")
         flight.wait("ready", lambda: "flyer: loaded" in flight.said(), START_S)
         flight.tell_flyer("go")
         flight.wait("exploring", lambda: "\nexploring" in flight.said(), START_S)
@@ -225,8 +230,26 @@ def _autopilot(personality: str, control_port: int, to: Sequence[int]) -> list[s
     ]
 
 
-def _serve(stack: contextlib.ExitStack, folder: Path, name: str, arguments: Sequence[str]) -> Callable[[str], None]:
-    """Start a process that ends with the stack; gives what waits until it says that it serves."""
+@dataclass(frozen=True, slots=True)
+class _Server:
+    """A process that ends with the flight."""
+
+    name: str
+    process: subprocess.Popen[bytes]
+    log: Path
+
+    def wait(self, words: str) -> None:
+        """Until it says that it serves."""
+        give_up_s = time.monotonic() + START_S
+        while words not in (said := self.log.read_text(encoding="utf-8", errors="replace")):
+            code = self.process.poll()
+            if code is not None or time.monotonic() > give_up_s:
+                raise SceneError(f"{self.name} does not serve (exit code {code}): {said[-1500:]}")
+            time.sleep(0.05)
+
+
+def _serve(stack: contextlib.ExitStack, folder: Path, name: str, arguments: Sequence[str]) -> _Server:
+    """Start it."""
     log = folder / f"{name}.log"
     with log.open("wb") as written:
         process = subprocess.Popen(
@@ -238,15 +261,7 @@ def _serve(stack: contextlib.ExitStack, folder: Path, name: str, arguments: Sequ
             start_new_session=True,
         )
     stack.callback(_end, process)
-
-    def wait(words: str) -> None:
-        give_up_s = time.monotonic() + START_S
-        while words not in (said := log.read_text(encoding="utf-8", errors="replace")):
-            if process.poll() is not None or time.monotonic() > give_up_s:
-                raise SceneError(f"{name} does not serve (exit code {process.poll()}): {said[-1500:]}")
-            time.sleep(0.05)
-
-    return wait
+    return _Server(name, process, log)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 
 from companion.autopilot.personality import BODY_NED, VELOCITY_AND_YAW_RATE
 from companion.safety.mavlink import Encoder
-from tests.safety.matrix.relay import LOOPBACK
+from tests.integration.relay import LOOPBACK
 
 SENT_S = 3.0
 RATE_HZ = 1000.0

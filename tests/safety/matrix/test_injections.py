@@ -17,9 +17,9 @@ from companion.sensors.sink import RawDepth, SensorSink
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
 from sitl.autopilot.wire import Decoder
+from tests.integration.relay import pack
 from tests.safety.matrix.faults import FAULTS
 from tests.safety.matrix.link_faults import LINK_FAULTS
-from tests.safety.matrix.relay import pack
 from tests.safety.matrix.sensor_faults import SENSOR_FAULTS
 from tests.safety.matrix.stream_relay import HONEST
 from tests.sensors.clocks import HandClock

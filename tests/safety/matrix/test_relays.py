@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
 from sitl.autopilot.wire import Decoder
-from tests.safety.matrix.relay import LOOPBACK, UdpRelay, pack, repacked
+from tests.integration.relay import LOOPBACK, UdpRelay, pack, repacked
 
 TIMEOUT_S = 10.0
 

@@ -9,10 +9,10 @@ from companion.autopilot.kind import AutopilotKind
 from companion.autopilot.personality import ARM_DISARM, DO_SET_MODE, NAV_TAKEOFF, personality
 from companion.config.settings import Settings
 from sitl.autopilot.mavlink import dialect as m
+from tests.integration.relay import GROUND_STATION, pack
 from tests.safety.matrix.corridor import TO_WALL_M
 from tests.safety.matrix.injection import Final, Injection
 from tests.safety.matrix.pose_faults import STOPPED, altered, changes_worked, shifted_east
-from tests.safety.matrix.relay import GROUND_STATION, pack
 from tests.safety.matrix.scene import TRIGGER_M, Flight
 
 DRIFT_M = 0.45

@@ -345,6 +345,7 @@ def test_setpoints_that_waited_while_the_gate_was_stopped_are_not_sent() -> None
         rig.offset_s += 2.0 * STALLED_S
         assert rig.down_until(lambda found: found.message_id in (84, 21)) == sent
         assert rig.loop.stale == 1
+        assert "the gate stood still for 0." in rig.words(), "who reads the log after a crash must know"
         rig.do(f"say('{setpoint().raw.hex()}')")
         rig.down_until(lambda found: found.message_id == 84)
 
@@ -488,6 +489,8 @@ def test_a_signed_link_hears_and_sends_nothing_unsigned() -> None:
         rig.say(ATTITUDE)
         rig.turn_until(lambda: rig.wire.inflow.refused == 1)
         rig.autopilot.sendto(theirs.sign(HEARTBEAT.raw), (HOST, rig.port))
+        # What the application says before the autopilot is known goes nowhere, and it is read first.
+        rig.turn_until(lambda: rig.loop._heard_s > 0.0)
         rig.do(f"say('{frame('HEARTBEAT').raw.hex()}')")
         first = rig.down_until(lambda found: found.component_id == 191)
         assert first.signed
