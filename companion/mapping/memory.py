@@ -27,20 +27,29 @@ class GrowingArray:
         self._row_shape = row_shape
         self._dtype = np.dtype(dtype)
         self._row_bytes = math.prod(row_shape) * self._dtype.itemsize
-        self._memory = mmap.mmap(-1, rows * self._row_bytes, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+        self._memory = _mapped(rows * self._row_bytes)
         self.rows = rows
 
     @property
     def array(self) -> NDArray[np.generic]:
-        """All rows, without a copy. Must be forgotten before `grow`."""
+        """All rows, without a copy. Whoever keeps it across `grow` holds on to what was there before."""
         return np.frombuffer(self._memory, self._dtype).reshape(self.rows, *self._row_shape)
 
     def grow(self, rows: int) -> None:
         """Make room for so many rows.
 
         Raises:
-            BufferError: somebody still holds the array.
             OSError: there is not so much memory.
         """
-        self._memory.resize(rows * self._row_bytes)
+        try:
+            self._memory.resize(rows * self._row_bytes)
+        except BufferError:
+            # Somebody still looks at the array: his must not move.
+            larger = _mapped(rows * self._row_bytes)
+            larger[: len(self._memory)] = self._memory[:]
+            self._memory = larger
         self.rows = rows
+
+
+def _mapped(size_bytes: int) -> mmap.mmap:
+    return mmap.mmap(-1, size_bytes, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)

@@ -123,7 +123,7 @@ def is_alike(values: NDArray[np.int16]) -> bool:
     other = np.int16(0)
     for n in range(BRICK):
         other |= values[n] ^ values[0]
-    return other == 0
+    return bool(other == 0)
 
 
 @njit(cache=True, nogil=True, inline="always")

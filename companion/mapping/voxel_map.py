@@ -159,8 +159,8 @@ class VoxelMap:
         if other.voxel_m != self.voxel_m:
             raise ValueError(f"cannot merge a map with voxels of {other.voxel_m} m into one of {self.voxel_m} m")
         for theirs in other.pieces():
-            chunks, table = _chunks(theirs.chunks), self._store.table
-            values = load_rows(table, find_rows(table, chunks))
+            chunks = _chunks(theirs.chunks)
+            values = load_rows(self._store.table, find_rows(self._store.table, chunks))
             add_log_odds(values, np.ascontiguousarray(theirs.values), self._steps.lowest, self._steps.highest)
             self.put(MapPiece(chunks, values))
 

@@ -1,0 +1,14 @@
+"""The journal of the map: what has been mapped, on the disk, whatever happens to the process or the power.
+
+It is a log: chunks are appended to segment files, and the newest record of a chunk is the one that counts. Nothing is
+ever overwritten, so a crash can only tear the end of the log, and opening cuts that off. `Journal` is one writer's, or
+a reader's view of the moment when it was opened. A journal that is damaged gives back all that is not.
+"""
+
+from __future__ import annotations
+
+from companion.mapping.journal.header import Header, JournalError
+from companion.mapping.journal.log import Loss
+from companion.mapping.journal.store import Journal
+
+__all__ = ["Header", "Journal", "JournalError", "Loss"]

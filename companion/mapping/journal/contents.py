@@ -1,0 +1,104 @@
+"""Where the newest record of each chunk is."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from companion.mapping.journal.rows import ChunkRows
+from companion.mapping.journal.segment import Segment
+
+_PLACE, _SIZE = 0, 1
+_OFFSET_BITS = 32
+_OFFSET = (1 << _OFFSET_BITS) - 1
+
+
+class Contents:
+    """The segments of a journal, and where the newest record of each chunk is in them.
+
+    A place is the number of a segment and an offset in it, in one number; 0 is nowhere. Later records have larger ones.
+
+    Attributes:
+        segments: by number, oldest first.
+    """
+
+    def __init__(self) -> None:
+        self.segments: dict[int, Segment] = {}
+        self._rows = ChunkRows(2)
+
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the arrays."""
+        return self._rows.memory_bytes
+
+    @property
+    def live_bytes(self) -> int:
+        """Size of the newest records."""
+        return sum(segment.live_bytes for segment in self.segments.values())
+
+    def keys(self) -> NDArray[np.int64]:
+        """(n,) keys of all chunks, in the order of their places."""
+        places = self._rows.column(_PLACE)
+        order = np.argsort(places)
+        return self._rows.keys[order[np.count_nonzero(places == 0) :]]
+
+    def keys_in(self, segment: Segment, begin: int = 0) -> NDArray[np.int64]:
+        """(n,) keys of the chunks whose newest record is in a segment, from offset ``begin`` on, in order."""
+        places = self._rows.column(_PLACE)
+        first = place_of_record(segment, begin)
+        inside = np.flatnonzero((places >= first) & (places <= place_of_record(segment, _OFFSET)))
+        return self._rows.keys[inside[np.argsort(places[inside])]]
+
+    def find(self, keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Those of ``keys`` that there are, their places, and the sizes of their records; in the order of places."""
+        rows = self._rows.find(keys)
+        rows = rows[rows >= 0]
+        places = self._rows.column(_PLACE)[rows]
+        rows = rows[np.argsort(places)][np.count_nonzero(places == 0) :]
+        return self._rows.keys[rows], self._rows.column(_PLACE)[rows], self._rows.column(_SIZE)[rows]
+
+    def segment_of(self, place: int) -> tuple[Segment, int]:
+        """The segment and the offset that a place means."""
+        return self.segments[place >> _OFFSET_BITS], place & _OFFSET
+
+    def point(self, keys: NDArray[np.int64], places: NDArray[np.int64], sizes: NDArray[np.int64]) -> None:
+        """These records are the newest of their chunks now."""
+        rows = self._rows.add(keys)
+        gone, gone_sizes = _replace(self._rows.column(_PLACE), self._rows.column(_SIZE), rows, places, sizes)
+        self._count(gone, -gone_sizes)
+        self._count(places, sizes)
+
+    def forget(self, key: int) -> None:
+        """There is no record of this chunk any more."""
+        row = self._rows.find(np.array([key], np.int64))
+        places, sizes = self._rows.column(_PLACE), self._rows.column(_SIZE)
+        self._count(places[row], -sizes[row])
+        places[row] = sizes[row] = 0
+
+    def _count(self, places: NDArray[np.int64], sizes: NDArray[np.int64]) -> None:
+        numbers = places >> _OFFSET_BITS
+        for number in np.unique(numbers[numbers > 0]).tolist():
+            self.segments[number].live_bytes += int(sizes[numbers == number].sum())
+
+
+def place_of_record(segment: Segment, offset: int) -> int:
+    """Segment and offset in one number."""
+    return (segment.number << _OFFSET_BITS) | offset
+
+
+@njit(cache=True, nogil=True)
+def _replace(
+    places: NDArray[np.int64],
+    sizes: NDArray[np.int64],
+    rows: NDArray[np.int64],
+    new_places: NDArray[np.int64],
+    new_sizes: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Set the numbers of rows one after the other, for a row may occur twice; what each had before."""
+    old_places, old_sizes = np.empty_like(new_places), np.empty_like(new_sizes)
+    for n in range(rows.shape[0]):
+        row = rows[n]
+        old_places[n], old_sizes[n] = places[row], sizes[row]
+        places[row], sizes[row] = new_places[n], new_sizes[n]
+    return old_places, old_sizes
