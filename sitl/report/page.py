@@ -17,7 +17,7 @@ _MARKS = {State.GOOD: ("✓", "met"), State.LOOK: ("!", "look here"), State.BAD:
 _FILES = (
     ("map.ply", "the map as a point cloud, for CloudCompare, MeshLab and Open3D"),
     ("map.pcd", "the same for PCL and ROS"),
-    ("map.las", "the same for surveying software"),
+    ("map.laz", "the same for surveying software"),
     ("map.bt", "the map as an OctoMap"),
     ("trajectory.csv", "every tick of the flight"),
 )

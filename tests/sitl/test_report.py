@@ -146,7 +146,7 @@ def test_it_shows_the_key_figures_the_table_the_files_and_the_settings(html: str
         assert text in html
     assert "<th>time_below_d_s_fraction</th><td>0.25</td>" in html
     assert "<th>versions.numpy</th><td>2.0</td>" in html
-    for name in ("map.ply", "map.pcd", "map.las", "map.bt", "trajectory.csv"):
+    for name in ("map.ply", "map.pcd", "map.laz", "map.bt", "trajectory.csv"):
         assert f'<a href="{name}">' in html
     assert "<details><summary>Settings of this flight</summary><pre>control:\n  margin_m: 1.0\n</pre>" in html
 

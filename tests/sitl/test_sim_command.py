@@ -35,7 +35,7 @@ sensors:
   camera: {width_px: 64, height_px: 48}
 mapping: {voxel_m: 0.3}
 """
-MAP_FILES = {"map.ply", "map.pcd", "map.bt", "map.las"}
+MAP_FILES = {"map.ply", "map.pcd", "map.bt", "map.laz"}
 FILES = MAP_FILES | {"trajectory.csv", "summary.json", "report.html", "settings.yaml", "overview.png"}
 SUMMARY = {
     "world", "seed", "preset", "completeness", "precision", "accuracy_m", "completed_at_s", "sim_time_s", "wall_time_s",
@@ -140,7 +140,7 @@ class TestFolder:
         assert voxels > 100
         assert f"element vertex {voxels}\n".encode() in (flight.folder / "map.ply").read_bytes()[:2000]
         assert f"POINTS {voxels}\n".encode() in (flight.folder / "map.pcd").read_bytes()[:2000]
-        with laspy.open(flight.folder / "map.las") as las:
+        with laspy.open(flight.folder / "map.laz") as las:
             assert las.header.point_count == voxels
         assert (flight.folder / "map.bt").read_bytes().startswith(b"# Octomap OcTree binary file")
 

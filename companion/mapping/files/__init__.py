@@ -1,43 +1,86 @@
-"""The map as files that other programs open: PLY, PCD, LAS and OctoMap's binary tree.
+"""The map as files that other programs open, and the maps that are in files.
 
 Each file is written beside its place and moved there when it is whole, so a program that is killed leaves the old file
-or the new one, never half of one. A map with nothing in it gives valid files with nothing in them.
+or the new one, never half of one. A map with nothing in it gives valid files with nothing in them. Maps are read piece
+by piece, so one that does not fit into memory can be written.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from datetime import date
 from pathlib import Path
+from typing import BinaryIO
 
-from companion.mapping import Mapper
-from companion.mapping.files.las import write_las
-from companion.mapping.files.octree import write_octree
+from companion.mapping.files.errors import MapFileError
+from companion.mapping.files.export import Export, Progress, silent
+from companion.mapping.files.las import write_las, write_laz
+from companion.mapping.files.mesh import write_mesh
+from companion.mapping.files.octree import write_bt, write_ot
+from companion.mapping.files.open import open_map
 from companion.mapping.files.pcd import write_pcd
 from companion.mapping.files.ply import write_ply
+from companion.mapping.files.whole import whole_file
+from companion.mapping.piece import MapSource
+
+FORMATS: dict[str, Callable[[Export, BinaryIO, Progress], None]] = {
+    "ply": write_ply,
+    "pcd": write_pcd,
+    "las": write_las,
+    "laz": write_laz,
+    "bt": write_bt,
+    "ot": write_ot,
+}
+"""What writes each format. The first four hold the occupied voxels, the others also what is free."""
+
+_OF_A_MISSION = ("ply", "pcd", "laz", "bt")
+"""The last may fail where the others do not: a map can be too large for it."""
 
 
-def write_map(voxels: Mapper, folder: Path) -> dict[str, Path]:
-    """Write map.ply, map.pcd, map.las and map.bt; by format, where they are.
-
-    The first three hold the centres of the occupied voxels with a colour for their height, the last one also what is
-    free.
+def write(source: MapSource, path: Path, progress: Progress | None = None, created: date | None = None) -> None:
+    """Write a map in the format that the suffix of ``path`` names.
 
     Args:
-        voxels: the map.
+        source: the map. It must not change meanwhile.
+        path: the file; its folder must be there.
+        progress: takes the share of the work done, 0 to 1, from time to time.
+        created: the day that the file is to bear, where the format has a place for one.
+
+    Raises:
+        MapFileError: the suffix is none of `FORMATS`, or the format cannot hold the map.
+        OSError: the file cannot be written; what was there before still is.
+    """
+    format_ = path.suffix.lower().removeprefix(".")
+    if format_ not in FORMATS:
+        known = ", ".join(f".{name}" for name in FORMATS)
+        raise MapFileError(f"{path}: the suffix {path.suffix!r} names no format of a map; give one of {known}")
+    watched = progress or silent
+    _write(Export.of(source, created, watched), format_, path, watched)
+
+
+def write_map(source: MapSource, folder: Path, created: date | None = None) -> dict[str, Path]:
+    """Write what a mission brings home: map.ply, map.pcd, map.laz and map.bt; by format, where they are.
+
+    Args:
+        source: the map.
         folder: is made when it does not exist.
+        created: the day that the files are to bear.
 
     Raises:
         MapFileError: a voxel is too far away for the OctoMap format; the other files are there.
         OSError: a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    snapshot = voxels.snapshot()
-    points_m = snapshot.occupied()
-    paths = {format_: folder / f"map.{format_}" for format_ in ("ply", "pcd", "las", "bt")}
-    write_ply(points_m, paths["ply"])
-    write_pcd(points_m, paths["pcd"])
-    write_las(points_m, paths["las"])
-    write_octree(snapshot, paths["bt"])
+    export = Export.of(source, created)
+    paths = {format_: folder / f"map.{format_}" for format_ in _OF_A_MISSION}
+    for format_, path in paths.items():
+        _write(export, format_, path, silent)
     return paths
 
 
-__all__ = ["write_las", "write_map", "write_octree", "write_pcd", "write_ply"]
+def _write(export: Export, format_: str, path: Path, progress: Progress) -> None:
+    with whole_file(path) as file:
+        FORMATS[format_](export, file, progress)
+
+
+__all__ = ["FORMATS", "MapFileError", "Progress", "open_map", "write", "write_map", "write_mesh"]

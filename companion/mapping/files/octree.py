@@ -1,110 +1,231 @@
-"""OctoMap's binary tree: free and occupied, with eight equal children drawn together into their parent.
+"""OctoMap's trees: `.bt` with free and occupied only, `.ot` with the log-odds of every voxel.
 
-The tree is built from its leaves upwards, one level at a time, and a node is known by its Morton code, from which the
-last three bits are taken for its parent's. The file holds 16 bits for each inner node, two for each child, depth first.
+Chunks are nodes at depth 12. They are written one by one to a spool as they come; then the tree above them is built,
+level by level, from their roots. A node is known by its Morton code, from which the last three bits are taken for its
+parent's. The file holds them depth first, so each chunk's nodes stay together.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from companion.errors import CompanionError
-from companion.mapping.chunks import SHIFT
-from companion.mapping.files.whole import whole_file
-from companion.mapping.lookup import FREE, OCCUPIED, UNKNOWN
-from companion.mapping.snapshot import MapSnapshot
+from companion.mapping.chunks import NOTHING, SHIFT
+from companion.mapping.files.errors import MapFileError
+from companion.mapping.files.export import Export, Progress, writable
+from companion.mapping.files.octree_nodes import (
+    FREE_LEAF,
+    FULL_NODE_BYTES,
+    INNER,
+    LEAF,
+    NO_NODE,
+    NODES,
+    OCCUPIED_LEAF,
+    binary_word,
+    children_bits,
+    encode_chunks,
+    joined,
+)
+from companion.mapping.files.spool import Spool
 
-_LEVELS = 16
-_CHUNK_LEVEL = _LEVELS - SHIFT
+LEVELS = 16
+CHUNK_LEVEL = LEVELS - SHIFT
 """A chunk is a node at this depth."""
 
-_CHUNK_OFFSET = 2 ** (_CHUNK_LEVEL - 1)
+CHUNK_OFFSET = 2 ** (CHUNK_LEVEL - 1)
 """OctoMap counts from the lowest corner of its cube, and the origin is in the middle of it."""
 
-_INNER = np.uint8(3)
-"""A child that has children itself. UNKNOWN, FREE and OCCUPIED are written as they are: 0, 1 and 2."""
+BINARY_NAME, FULL_NAME = "# Octomap OcTree binary file", "# Octomap OcTree file"
+"""First lines of the files."""
 
-_ALL_FREE, _ALL_OCCUPIED = np.uint16(0x5555), np.uint16(0xAAAA)
+THRESHOLD_NOTE = "# occupied from log-odds of"
+"""OctoMap's files do not say from where on a voxel is occupied; our reader finds it in this comment."""
+
+_CHUNKS = 256
+"""Chunks that are encoded at a time: their room in memory is 6 MB."""
+
+_ENCODED_SHARE = 0.7
+"""Of the whole work, when everything is in the spool."""
 
 
-class MapFileError(CompanionError):
-    """A map that a file format cannot hold."""
-
-
-def write_octree(snapshot: MapSnapshot, path: Path) -> None:
-    """Write an OctoMap ``.bt`` file.
+def write_bt(export: Export, file: BinaryIO, progress: Progress) -> None:
+    """Write an OctoMap ``.bt`` file: what is free and what is occupied.
 
     Raises:
-        MapFileError: a voxel is further than 32768 voxels from the origin along some axis.
+        MapFileError: something known is further than 32768 voxels from the origin along some axis.
     """
-    nodes, words = _tree(*_sorted_chunks(snapshot))
-    header = (
-        "# Octomap OcTree binary file\n# (feel free to add / change comments, but leave the first line as it is!)\n#\n"
-        f"id OcTree\nsize {nodes}\nres {snapshot.voxel_m!r}\ndata\n"
-    )
-    with whole_file(path) as file:
-        file.write(header.encode("ascii"))
-        file.write(words.astype("<u2").tobytes())
+    _write(export, file, progress, full=False)
 
 
-def _sorted_chunks(snapshot: MapSnapshot) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
-    """Morton codes of the chunks with something in them, ascending, and the states of their voxels (n, 4096)."""
-    known = np.any(snapshot.states != UNKNOWN, axis=1)
-    chunks = snapshot.chunks[known].astype(np.int64) + _CHUNK_OFFSET
-    if np.any((chunks < 0) | (chunks >= 2 * _CHUNK_OFFSET)):
+def write_ot(export: Export, file: BinaryIO, progress: Progress) -> None:
+    """Write an OctoMap ``.ot`` file: the log-odds of all that was seen.
+
+    Raises:
+        MapFileError: something known is further than 32768 voxels from the origin along some axis.
+    """
+    _write(export, file, progress, full=True)
+
+
+def _write(export: Export, file: BinaryIO, progress: Progress, *, full: bool) -> None:
+    voxel_m = float(export.source.voxel_m)
+    if export.lowest_chunk.min() < -CHUNK_OFFSET or export.highest_chunk.max() >= CHUNK_OFFSET:
         raise MapFileError(
-            f"the map reaches further than {2 ** (_LEVELS - 1) * snapshot.voxel_m:g} m from its origin, which an "
-            f"OctoMap with voxels of {snapshot.voxel_m:g} m cannot hold: use larger voxels (mapping.voxel_m)"
+            f"the map reaches further than {2 ** (LEVELS - 1) * voxel_m:g} m from its origin, which an OctoMap with "
+            f"voxels of {voxel_m:g} m cannot hold: use larger voxels (mapping.voxel_m) or another format"
         )
-    codes = np.zeros(len(chunks), np.int64)
-    for bit in range(_CHUNK_LEVEL):
-        for axis in range(3):
-            codes |= (chunks[:, axis] >> bit & 1) << (3 * bit + axis)
-    order = np.argsort(codes)
-    return codes[order], snapshot.states[known][order]
+    with Spool(Path(file.name).parent) as spool:
+        roots, nodes = _encoded(export, spool, progress, full=full)
+        tree = _tree_above(roots, full=full)
+        note = f"{THRESHOLD_NOTE} {export.source.threshold / 1000!r} on\n" if full else ""
+        header = (
+            f"{FULL_NAME if full else BINARY_NAME}\n"
+            f"# (feel free to add / change comments, but leave the first line as it is!)\n#\n{note}"
+            f"id OcTree\nsize {nodes - tree.pruned + tree.nodes}\nres {voxel_m!r}\ndata\n"
+        )
+        file.write(header.encode("ascii"))
+        for k, (from_spool, number) in enumerate(zip(tree.is_chunk, tree.numbers, strict=True)):
+            file.write(spool.block(number) if from_spool else tree.records[number])
+            if k % _CHUNKS == 0:
+                progress(_ENCODED_SHARE + (1.0 - _ENCODED_SHARE) * k / len(tree.numbers))
+    progress(1.0)
 
 
-def _tree(codes: NDArray[np.int64], kinds: NDArray[np.uint8]) -> tuple[int, NDArray[np.uint16]]:
-    """The number of nodes of the pruned tree, and the words of its inner nodes in depth-first order.
+@dataclass(frozen=True, slots=True)
+class _Roots:
+    """Nodes of one level, in ascending order of their Morton codes.
 
-    Args:
-        codes: (n,) Morton codes of the chunks, ascending.
-        kinds: (n, 4096) states of their voxels, in Morton order.
+    Attributes:
+        codes: (n,) Morton codes at their level.
+        values: (n,) values, of inner nodes the largest below them.
+        kinds: (n,) LEAF or INNER.
+        numbers: (n,) where they are kept.
     """
-    nodes = min(len(codes), 1)  # the root; every other node is counted as a child
-    keys: list[NDArray[np.int64]] = []
-    words: list[NDArray[np.uint16]] = []
-    for level in range(_LEVELS - 1, -1, -1):
-        if level >= _CHUNK_LEVEL:
-            # Inside the chunks every parent has its eight places, side by side.
-            children = kinds.reshape(-1, 8)
-            parents = codes[:, np.newaxis] << 3 * (level - _CHUNK_LEVEL) | np.arange(
-                len(children) // max(len(codes), 1)
-            )
+
+    codes: NDArray[np.int64]
+    values: NDArray[np.int16]
+    kinds: NDArray[np.uint8]
+    numbers: NDArray[np.int64]
+
+
+def _encoded(export: Export, spool: Spool, progress: Progress, *, full: bool) -> tuple[_Roots, int]:
+    """All chunks with something in them, whose nodes are in the spool, and how many nodes these are."""
+    data = np.empty(_CHUNKS * NODES * FULL_NODE_BYTES, np.uint8)
+    chunks, values, kinds, total, done = [], [], [], 0, 0
+    for piece in export.source.pieces(_CHUNKS):
+        if len(piece.chunks) > _CHUNKS:
+            raise ValueError(f"a piece of {len(piece.chunks)} chunks, where no more than {_CHUNKS} were asked for")
+        leaves = writable(piece.values) if full else _decided(writable(piece.values), export.source.threshold)
+        ends, nodes = np.empty(len(leaves), np.int64), np.empty(len(leaves), np.int64)
+        some_values, some_kinds = encode_chunks(leaves, full, data, ends, nodes)
+        spool.append(data, ends)
+        chunks.append(piece.chunks)
+        values.append(some_values)
+        kinds.append(some_kinds)
+        total += int(nodes.sum())
+        done += len(leaves)
+        progress(_ENCODED_SHARE * min(done / max(export.chunks, 1), 1.0))
+    if not chunks:
+        return _Roots(np.zeros(0, np.int64), np.zeros(0, np.int16), np.zeros(0, np.uint8), np.zeros(0, np.int64)), 0
+    every_kind = np.concatenate(kinds)
+    codes = _morton(np.concatenate(chunks))
+    numbers = np.argsort(codes)
+    numbers = numbers[every_kind[numbers] != NO_NODE]
+    return _Roots(codes[numbers], np.concatenate(values)[numbers], every_kind[numbers], numbers), total
+
+
+@njit(cache=True, nogil=True)
+def _decided(values: NDArray[np.int16], threshold: int) -> NDArray[np.int16]:
+    """The leaves of a binary tree, from log-odds: what is not decided is no leaf."""
+    leaves = np.full(values.shape, NOTHING, np.int16)
+    for row in range(values.shape[0]):
+        for place in range(values.shape[1]):
+            value = values[row, place]
+            if value >= threshold:
+                leaves[row, place] = OCCUPIED_LEAF
+            elif value < 0 and value != NOTHING:
+                leaves[row, place] = FREE_LEAF
+    return leaves
+
+
+def _morton(chunks: NDArray[np.int32]) -> NDArray[np.int64]:
+    """(n,) Morton codes of chunk coordinates (n, 3)."""
+    shifted = chunks.astype(np.int64) + CHUNK_OFFSET
+    codes = np.zeros(len(chunks), np.int64)
+    for bit in range(CHUNK_LEVEL):
+        for axis in range(3):
+            codes |= (shifted[:, axis] >> bit & 1) << (3 * bit + axis)
+    return codes
+
+
+@dataclass(frozen=True, slots=True)
+class _Tree:
+    """What is written, in its order.
+
+    Attributes:
+        is_chunk: for each block whether it is a chunk.
+        numbers: for each block its number in the spool, or among ``records``.
+        records: nodes above the chunks, as bytes.
+        nodes: how many nodes are above the chunks.
+        pruned: how many roots of chunks are in the tree no more.
+    """
+
+    is_chunk: list[bool]
+    numbers: list[int]
+    records: list[bytes]
+    nodes: int
+    pruned: int
+
+
+def _tree_above(roots: _Roots, *, full: bool) -> _Tree:
+    """The tree above the chunks.
+
+    A node stands before all that is below it: it is sorted first by the code of its lowest voxel, then by its depth.
+    """
+    records: list[bytes] = []
+    keys, numbers, is_chunk = [], [], []
+    nodes = pruned = 0
+    level = roots
+    for depth in range(CHUNK_LEVEL, -1, -1):
+        above, in_tree, own_records = _parents(level, full=full) if depth else _top(level)
+        kept = level.kinds == INNER if depth < CHUNK_LEVEL and not full else in_tree
+        if depth == CHUNK_LEVEL:
+            pruned = int(np.count_nonzero(~in_tree))
         else:
-            parents, place = np.unique(codes >> 3, return_inverse=True)
-            children = np.zeros((len(parents), 8), np.uint8)
-            children[place, codes & 7] = kinds
-            codes = parents
-        word, kinds = _joined(children)
-        inner = kinds == _INNER
-        nodes += int(np.count_nonzero(children[inner]))
-        # A node stands before all of its descendants: first by the code of its lowest voxel, then by its depth.
-        keys.append((parents.ravel()[inner] << 3 * (_LEVELS - level)) * _LEVELS + level)
-        words.append(word[inner])
-    return nodes, np.concatenate(words)[np.argsort(np.concatenate(keys))]
+            nodes += int(np.count_nonzero(in_tree))
+        keys.append((level.codes[kept] << 3 * (LEVELS - depth)) * (LEVELS + 1) + depth)
+        numbers.append(level.numbers[kept])
+        is_chunk.append(np.full(int(np.count_nonzero(kept)), depth == CHUNK_LEVEL))
+        level = _Roots(above.codes, above.values, above.kinds, above.numbers + len(records))
+        records += own_records
+    order = np.argsort(np.concatenate(keys))
+    return _Tree(
+        np.concatenate(is_chunk)[order].tolist(), np.concatenate(numbers)[order].tolist(), records, nodes, pruned
+    )
 
 
-def _joined(children: NDArray[np.uint8]) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
-    """The words (n,) of parents with these ``children`` (n, 8), and what the parents are themselves."""
-    word = np.zeros(len(children), np.uint16)
-    for place in range(8):
-        word |= children[:, place].astype(np.uint16) << np.uint16(2 * place)
-    kinds = np.full(len(children), _INNER)
-    kinds[word == 0] = UNKNOWN
-    kinds[word == _ALL_FREE] = FREE
-    kinds[word == _ALL_OCCUPIED] = OCCUPIED
-    return word, kinds
+def _top(root: _Roots) -> tuple[_Roots, NDArray[np.bool_], list[bytes]]:
+    """Nothing is above the root, and it stays in the tree."""
+    return root, np.ones(len(root.codes), np.bool_), []
+
+
+def _parents(below: _Roots, *, full: bool) -> tuple[_Roots, NDArray[np.bool_], list[bytes]]:
+    """The parents of nodes, which of these stay in the tree, and the parents' records."""
+    codes, place = np.unique(below.codes >> 3, return_inverse=True)
+    at = 8 * place + (below.codes & 7)
+    values, kinds = np.full(8 * len(codes), NOTHING), np.full(8 * len(codes), NO_NODE)
+    values[at], kinds[at] = below.values, below.kinds
+    own_values, own_kinds = np.empty(len(codes), np.int16), np.empty(len(codes), np.uint8)
+    records = []
+    for n in range(len(codes)):
+        joined(values, kinds, 8 * n, own_values[n : n + 1], own_kinds[n : n + 1])
+        if full:
+            bits = children_bits(kinds, 8 * n) if own_kinds[n] == INNER else 0
+            records.append(np.float32(own_values[n] / 1000.0).tobytes() + bytes([bits]))
+        else:
+            records.append(binary_word(values, kinds, 8 * n).to_bytes(2, "little"))
+    return _Roots(codes, own_values, own_kinds, np.arange(len(codes))), own_kinds[place] != LEAF, records
