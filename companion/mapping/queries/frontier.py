@@ -11,25 +11,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import Enum
 from typing import Self
-
-import numpy as np
-from numpy.typing import NDArray
 
 from companion.config.control import ControlSettings
 from companion.config.mapping import MapSettings
-from companion.mapping.lookup import FREE, OCCUPIED, UNKNOWN
-from companion.mapping.plan import MISSING, SEEN, TILE, Plan, Shape, Voxels, flood, packed
-from companion.mapping.plan_search import clusters, near_obstacles, reached, seen_from
-from companion.mapping.snapshot import MapSnapshot
 from companion.model import Camera, FloatArray
-
-CELL_M = 0.1
-"""Edge of a cell of the plan, or the edge of a voxel where that is more."""
 
 LEAST_FRONTIER_M = 0.5
 """A shorter frontier is ignored. Depth noise and missing pixels leave specks of a few voxels, and what hides behind
 half a metre is too small for a vehicle that needs 2 d_c to pass."""
+
+MOST_FRONTIERS = 64
+"""So many frontiers are told one by one."""
 
 ENOUGH_SEEN = 0.97
 """Share of floor and roof that has to be seen. Not all: no reachable place looks into every niche and shadow."""
@@ -42,21 +36,6 @@ complete, or a mission would never end."""
 
 NEWS_SHARE = 0.002
 """So much more floor and roof than before is something new."""
-
-_TOLERANCE_CELLS = 1.0
-"""Half a voxel of the obstacle and half a cell of the vehicle: what is so much nearer than d_s still counts as d_s."""
-
-_WALL_FUZZ_M = 0.25
-"""Unknown cells this near to an occupied one are the undecided voxels of its surface."""
-
-_LOOK_SHARE = 0.9
-"""Share of the camera's range from which a frontier is sure to be cleared up."""
-
-_SURFACE_SHARE = 0.75
-"""Floor and roof count where the camera can see them from this share of its range."""
-
-_MOST_TILES = 2048
-"""Tiles along each side of the largest plan, about 3 km: what is further off is left out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +79,49 @@ class Reach:
         )
 
 
+class Access(Enum):
+    """How a frontier can be come by."""
+
+    REACHABLE = "reachable"
+    """The vehicle can get to it and keep d_s from everything."""
+
+    IN_SIGHT = "in sight"
+    """It is too narrow there for d_s, but it can be looked at from where there is room."""
+
+    TOO_NARROW = "too narrow"
+    """The only ways there are too narrow for d_s, and it is in sight from nowhere else: it does not count."""
+
+
+@dataclass(frozen=True, slots=True)
+class Frontier:
+    """One frontier: known free space at flight height next to unknown.
+
+    Attributes:
+        access: how it can be come by.
+        length_m: how long it is.
+        x_m: where its middle is.
+        y_m: the same along y.
+        z_m: mean flight height on it.
+        low_m: (x, y) least coordinates of its cells.
+        high_m: (x, y) largest.
+        bearing_rad: direction from what is free to what is unknown, counterclockwise from x.
+        path_m: length of the way to it from where the vehicle is, as exact as a tile of 1.6 m is wide; infinite when
+            none is known.
+        cells: cells of the plan that it has.
+    """
+
+    access: Access
+    length_m: float
+    x_m: float
+    y_m: float
+    z_m: float
+    low_m: tuple[float, float]
+    high_m: tuple[float, float]
+    bearing_rad: float
+    path_m: float
+    cells: int
+
+
 @dataclass(frozen=True, slots=True)
 class Survey:
     """What one look at the whole map found.
@@ -112,6 +134,9 @@ class Survey:
         surfaces_missing: cells of them that were not, though the camera could.
         expected_cells: how many more the frontiers promise.
         occupied: occupied voxels in the whole map.
+        frontiers: the frontiers one by one, those that count first, near ones before far ones; not more than
+            `MOST_FRONTIERS`.
+        cut_short: the mine is larger than what can be surveyed: the rest was left out.
     """
 
     free_m2: float
@@ -121,6 +146,8 @@ class Survey:
     surfaces_missing: int
     expected_cells: float
     occupied: int
+    frontiers: tuple[Frontier, ...] = ()
+    cut_short: bool = False
 
     @property
     def seen_share(self) -> float:
@@ -137,56 +164,6 @@ class Survey:
         """
         total = self.surfaces_seen + self.surfaces_missing + self.expected_cells
         return self.surfaces_seen / total if total else 0.0
-
-
-def survey(snapshot: MapSnapshot, flown_m: FloatArray, reach: Reach) -> Survey:
-    """Look for frontiers in a whole map.
-
-    Args:
-        snapshot: of all chunks.
-        flown_m: (n, 3) where the vehicle was; cells that it crossed several times need no more than one place.
-        reach: what it can do.
-    """
-    voxel_m = snapshot.voxel_m
-    occupied = int(np.count_nonzero(snapshot.states == OCCUPIED))
-    if len(snapshot.chunks) == 0 or len(flown_m) == 0:
-        return Survey(0.0, 0.0, np.zeros(0), 0, 0, 0.0, occupied)
-    stride = max(1, round(CELL_M / voxel_m))
-    edge_m = stride * voxel_m
-    shape = Shape(
-        voxel_m=voxel_m,
-        stride=stride,
-        height_m=reach.height_m,
-        half_slab_m=reach.half_slab_m,
-        up_m=max(_SURFACE_SHARE * reach.look_m * math.tan(reach.up_rad), 0.0),
-        down_m=max(_SURFACE_SHARE * reach.look_m * math.tan(reach.down_rad), 0.0),
-        max_slope=reach.max_slope,
-        same_level_m=reach.height_m / 2.0,
-        kept_m=reach.critical_margin_m,
-        fuzz_m=max(_WALL_FUZZ_M, edge_m),
-    )
-    plan, size, flown = _filled(snapshot, shape, flown_m)
-    level_m = shape.same_level_m
-    kinds = plan.kinds[:size]
-    blocked = near_obstacles(plan, size, reach.margin_m / edge_m - _TOLERANCE_CELLS, level_m)
-    at_walls = near_obstacles(plan, size, shape.fuzz_m / edge_m + 1e-9, level_m)
-    places = reached(plan, size, flown, blocked, level_m)
-    look_cells = int(_LOOK_SHARE * reach.look_m / edge_m)
-    frontier = seen_from(plan, size, (kinds == UNKNOWN) & ~at_walls, places, look_cells, level_m)
-    lengths_m = np.bincount(clusters(plan, size, frontier, level_m))[1:] * edge_m
-    frontiers_m = np.sort(lengths_m[lengths_m >= LEAST_FRONTIER_M - 1e-9])[::-1]
-    free = kinds == FREE
-    surfaces = np.concatenate([plan.roof[:size][free], plan.floor[:size][free]])
-    return Survey(
-        free_m2=float(np.count_nonzero(free)) * edge_m**2,
-        reachable_m2=float(np.count_nonzero(places)) * edge_m**2,
-        frontiers_m=frontiers_m,
-        surfaces_seen=int(np.count_nonzero(surfaces == SEEN)),
-        surfaces_missing=int(np.count_nonzero(surfaces == MISSING)),
-        # Floor and roof: two cells for each cell of plan.
-        expected_cells=2.0 * float(frontiers_m.sum()) * reach.look_m / edge_m**2,
-        occupied=occupied,
-    )
 
 
 class Judge:
@@ -218,55 +195,3 @@ class Judge:
         openings = found.frontiers_m >= 2.0 * self._reach.critical_margin_m
         settled = t_s - self._news_s >= SETTLED_S and found.seen_share >= SETTLED_SEEN
         return settled and not bool(openings.any())
-
-
-def _sorted(snapshot: MapSnapshot) -> Voxels:
-    keys = packed(snapshot.chunks)
-    order = np.argsort(keys)
-    return Voxels(keys[order], snapshot.states[order])
-
-
-def _filled(snapshot: MapSnapshot, shape: Shape, flown_m: FloatArray) -> tuple[Plan, int, int]:
-    """The plan, how many nodes it has, and how many of these were flown through."""
-    voxels = _sorted(snapshot)
-    tiles, low = _tiles(snapshot.chunks, shape.stride, flown_m, shape.stride * shape.voxel_m)
-    count = int(tiles.max()) + 1
-    capacity = TILE**2 * count
-    while True:
-        plan = Plan(
-            tiles=tiles,
-            low=low,
-            heads=np.full((count, TILE**2), -1, np.int32),
-            nexts=np.empty(capacity, np.int32),
-            cells=np.empty((capacity, 2), np.int32),
-            heights_m=np.empty(capacity, np.float64),
-            kinds=np.empty(capacity, np.uint8),
-            roof=np.empty(capacity, np.uint8),
-            floor=np.empty(capacity, np.uint8),
-        )
-        size, flown = flood(voxels, plan, shape, flown_m)
-        if size >= 0:
-            return plan, size, flown
-        # Several levels above each other.
-        capacity *= 2
-
-
-def _tiles(
-    chunks: NDArray[np.int32], stride: int, flown_m: FloatArray, edge_m: float
-) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Numbers of the tiles over the map and around it, and the corner from which they are counted."""
-    centre = np.floor(np.median(flown_m[:, :2], axis=0) / (TILE * edge_m)).astype(np.int64)
-    # A chunk has 16 voxels along each side and a tile 16 cells, so a tile is as many chunks wide as a cell is voxels.
-    used = np.unique(chunks[:, :2].astype(np.int64) // stride, axis=0)
-    used = used[np.all(np.abs(used - centre) < _MOST_TILES // 2 - 1, axis=1)]
-    around = (used[:, np.newaxis, :] + _AROUND).reshape(-1, 2)
-    if len(around) == 0:
-        around = centre[np.newaxis, :]
-    low = around.min(axis=0)
-    tiles = np.full(tuple(around.max(axis=0) - low + 1), -1, np.int32)
-    tiles[tuple((around - low).T)] = 0
-    tiles[tiles == 0] = np.arange(np.count_nonzero(tiles == 0), dtype=np.int32)
-    return tiles, low
-
-
-_AROUND = np.array([[a, b] for a in (-1, 0, 1) for b in (-1, 0, 1)])

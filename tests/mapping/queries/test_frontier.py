@@ -10,8 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from companion.mapping import FREE, OCCUPIED, UNKNOWN, MapSnapshot
-from companion.mapping.chunks import OFFSETS
-from companion.mapping.frontier import SETTLED_S, Judge, Reach, Survey, survey
+from companion.mapping.queries.frontier import SETTLED_S, Judge, Reach, Survey
+from companion.mapping.queries.surveyor import survey
+from tests.mapping.queries.scenes import room, snapshot
 
 REACH = Reach(
     height_m=1.5,
@@ -23,26 +24,6 @@ REACH = Reach(
     up_rad=math.radians(28.5),
     down_rad=math.radians(28.5),
 )
-
-Dense = NDArray[np.uint8]
-
-
-def snapshot(dense: Dense, voxel_m: float = 0.1) -> MapSnapshot:
-    """The map whose voxel (i, j, k) is ``dense[i, j, k]``; beyond it everything is unknown."""
-    shape = [-(-n // 16) for n in dense.shape]
-    padded = np.full([16 * n for n in shape], UNKNOWN, np.uint8)
-    padded[tuple(slice(n) for n in dense.shape)] = dense
-    chunks = np.array(list(np.ndindex(*shape)), np.int32)
-    places = 16 * chunks[:, np.newaxis, :] + OFFSETS[np.newaxis]
-    return MapSnapshot(voxel_m, 1, chunks, padded[tuple(np.moveaxis(places, -1, 0))])
-
-
-def room(x_m: float = 8.0, y_m: float = 6.0, z_m: float = 3.0, voxel_m: float = 0.1) -> Dense:
-    """A closed room that was wholly seen: free, with two voxels of rock all around."""
-    cells = [round(edge_m / voxel_m) + 4 for edge_m in (x_m, y_m, z_m)]
-    dense = np.full(cells, OCCUPIED, np.uint8)
-    dense[2:-2, 2:-2, 2:-2] = FREE
-    return dense
 
 
 def flown(*places: tuple[float, float, float]) -> NDArray[np.float64]:
