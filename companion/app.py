@@ -26,8 +26,8 @@ from companion.explorer import Explorer
 from companion.gate_link import GateLink
 from companion.gate_talk import GateTalk
 from companion.in_the_air import InTheAir
-from companion.mapping.map_status import MapError
-from companion.mapping.worker import MapWorker
+from companion.mapping.process.status import MapError
+from companion.mapping.process.worker import MapWorker, check_folder
 from companion.orders import InterruptedFlightError, Orders
 from companion.pace import Pace
 from companion.pilot import Pilot
@@ -50,7 +50,9 @@ async def check(settings: Settings, options: Options, gate: GateLink, say: Say) 
         return await checked(session, options, say)
 
 
-async def fly(settings: Settings, options: Options, gate: GateLink, say: Say) -> dict[str, Any]:
+async def fly(
+    settings: Settings, options: Options, gate: GateLink, say: Say, resume_map: Path | None = None
+) -> dict[str, Any]:
     """One flight: checks, start, take-off, exploring, and the end as configured.
 
     Whatever happens in it, the vehicle is left holding or landing, or in its pilot's hands.
@@ -60,6 +62,8 @@ async def fly(settings: Settings, options: Options, gate: GateLink, say: Say) ->
         options: what the command line adds.
         gate: the safety gate, through which everything goes to the autopilot.
         say: shows a line to the operator.
+        resume_map: the folder of an earlier flight whose map goes on, from the same start of the autopilot; the map
+            stays in that folder.
 
     Returns:
         The summary, as it is written to ``summary.json`` in the flight's folder.
@@ -67,8 +71,10 @@ async def fly(settings: Settings, options: Options, gate: GateLink, say: Say) ->
     Raises:
         FlightRefusedError: a check failed; nothing was armed.
         InterruptedFlightError: Ctrl-C before the vehicle was in control of itself.
+        InputError: there is no map to resume.
         CompanionError: the flight could not begin, or broke off.
     """
+    check_folder(resume_map, resume=True)
     orders = Orders(by_command=settings.mission.start == "command")
     _load(settings, say)
     with orders.signals():
@@ -79,7 +85,7 @@ async def fly(settings: Settings, options: Options, gate: GateLink, say: Say) ->
                 announcer = Announcer(session.link, session.clock)
                 async with background(announcer.run()):
                     results = await passed(session, options, announcer, say)
-                    return await _Flight(session, options, orders, announcer, say).run(results)
+                    return await _Flight(session, options, orders, announcer, say, resume_map).run(results)
         except asyncio.CancelledError:
             if not orders.interrupted:
                 raise
@@ -96,7 +102,15 @@ def _load(settings: Settings, say: Say) -> None:
 class _Flight:
     """From the checks to the summary."""
 
-    def __init__(self, session: Session, options: Options, orders: Orders, announcer: Announcer, say: Say) -> None:
+    def __init__(
+        self,
+        session: Session,
+        options: Options,
+        orders: Orders,
+        announcer: Announcer,
+        say: Say,
+        resume_map: Path | None,
+    ) -> None:
         drawn = int(np.random.SeedSequence().generate_state(1)[0])
         self._session = session
         self._settings = session.settings
@@ -106,6 +120,7 @@ class _Flight:
         self._gate = session.gate
         self._seed = drawn if options.seed is None else options.seed
         self._say = say
+        self._resume_map = resume_map
 
     async def run(self, results: list[CheckResult]) -> dict[str, Any]:
         settings, session = self._settings, self._session
@@ -118,7 +133,10 @@ class _Flight:
             recorder = stack.enter_context(Recorder(folder / "flight.mcap", settings.record, info, session.clock))
             self._gate.recorder = recorder
             self._say("starting the map (the first start on a computer compiles it, about a minute)")
-            mapper = await stack.enter_async_context(self._mapper(folder))
+            map_folder = self._resume_map or folder
+            mapper = await stack.enter_async_context(self._mapper(map_folder))
+            if self._resume_map is not None:
+                self._say(f"the map of {map_folder} goes on: {mapper.status.resumed_chunks} chunks")
             self._gate.has_map(lambda: mapper.status.age_s)
             announcements = Announcements(self._announcer, session.telemetry, mapper, recorder, self._say)
             announcements.checks(results)
@@ -141,11 +159,15 @@ class _Flight:
                 broke_off, why = error, f"broke off: {error}"
                 recorder.event(ENDED, why, logging.ERROR)
             files, problem = await self._save(mapper)
-            explored = {"explored_s": round(in_the_air.explored_s, 1), "map_problem": problem}
+            explored = {
+                "explored_s": round(in_the_air.explored_s, 1),
+                "map_folder": str(map_folder),
+                "map_problem": problem,
+            }
             summary = self._summary(why, results, mapper, recorder) | explored
         text = json.dumps(summary, indent=2) + "\n"
         (folder / "summary.json").write_text(text, encoding="utf-8")
-        self._say(f"{why}: {len(files)} map files and the recording are in {folder}")
+        self._say(f"{why}: {len(files)} map files are in {map_folder}, the recording in {folder}")
         if broke_off is not None:
             raise broke_off
         return summary
@@ -154,9 +176,10 @@ class _Flight:
         settings = self._settings
         return MapWorker(
             settings.mapping,
-            settings.sensors.camera.model(),
+            (settings.sensors.camera.model(),),
             settings.control,
             folder,
+            resume=self._resume_map is not None,
             half_slab_m=settings.half_slab_m,
             max_slope=settings.sensors.scan.max_ground_slope,
             clock=self._session.clock,
@@ -205,6 +228,11 @@ class _Flight:
             "map_frames_dropped": status.dropped,
             "map_frames_refused": status.refused,
             "map_restarts": status.restarts,
+            "map_lost": status.lost,
+            "map_scans": status.scans,
+            "map_resumed_chunks": status.resumed_chunks,
+            "map_memory_mb": round(status.memory_bytes / 1e6, 1),
+            "map_journal_mb": round(status.journal_bytes / 1e6, 1),
             "unpaired_frames": session.inputs.unpaired,
             "clock_residual_s": session.telemetry.clock_residual_s,
             "gate_notices": dict(self._gate.counted),

@@ -41,6 +41,12 @@ def run(
     seed: Annotated[int | None, typer.Option(min=0, metavar="N", help="Draws every choice; else a new one.")] = None,
     fix: Fix = False,
     skip: Skip = None,
+    resume_map: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER", help="Go on with the map of an earlier flight; only if the autopilot was not restarted."
+        ),
+    ] = None,
 ) -> None:
     """Explore with a real or simulated autopilot and bring home the map.
 
@@ -53,7 +59,7 @@ def run(
     The exit code is 0 when the map is complete or a person stopped the flight, 1 when it was refused or ended
     otherwise, 2 for wrong input, 130 after Ctrl-C.
     """
-    _through_the_gate("run", config, preset, start=start, seed=seed, fix=fix, skip=skip)
+    _through_the_gate("run", config, preset, start=start, seed=seed, fix=fix, skip=skip, resume_map=resume_map)
 
 
 def figures(
@@ -102,6 +108,7 @@ def _through_the_gate(
     skip: list[str] | None,
     start: Literal["now", "key", "command"] | None = None,
     seed: int | None = None,
+    resume_map: Path | None = None,
 ) -> NoReturn:
     """Load the settings and hand them over: this process becomes the gate."""
     from companion import handover
@@ -117,6 +124,7 @@ def _through_the_gate(
     words += [] if seed is None else ["--seed", str(seed)]
     words += ["--fix"] if fix else []
     words += [f"--skip={name}" for name in skip or ()]
+    words += [] if resume_map is None else ["--resume-map", str(resume_map.resolve())]
     # After a death nothing flies by itself: a person starts it, here or at a ground station.
     by_whom = "key" if sys.stdin is not None and sys.stdin.isatty() else "command"
     handover.become_the_gate(settings, words, None if what == "check" else [*words, "--start", by_whom])

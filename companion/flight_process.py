@@ -1,6 +1,7 @@
 """The application, as the gate starts it: a process of its own that has no other way to the autopilot.
 
     python -m companion.flight_process run|check --settings-fd N --preset NAME [--seed N] [--fix] [--skip CHECK ...]
+        [--resume-map FOLDER]
 
 It reads its settings from what it inherited. Nobody starts it by hand: without a gate there is no flight. Its last word
 to the gate is a goodbye with the exit code; whatever ends without that word is taken for dead.
@@ -13,6 +14,7 @@ import asyncio
 import logging
 import signal
 from collections.abc import Sequence
+from pathlib import Path
 
 import typer
 
@@ -82,7 +84,7 @@ def _work(given: argparse.Namespace, gate: GateLink) -> int:
         if (why := refusal(results)) is not None:
             raise ChecksFailedError(why)
         return 0
-    summary = asyncio.run(app.fly(settings, options, gate, typer.echo))
+    summary = asyncio.run(app.fly(settings, options, gate, typer.echo, given.resume_map))
     if summary["interrupted"]:
         return EXIT_INTERRUPTED
     if not summary["as_it_should"]:
@@ -99,6 +101,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int)
     parser.add_argument("--fix", action="store_true")
     parser.add_argument("--skip", action="append", default=[])
+    parser.add_argument("--resume-map", type=Path)
     return parser
 
 

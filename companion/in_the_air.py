@@ -11,7 +11,7 @@ from companion.autopilot.vehicle import Vehicle
 from companion.background import background
 from companion.ending import Ending, Standing, ending
 from companion.gate_talk import GateLostError, GateTookOverError
-from companion.mapping.worker import MapWorker
+from companion.mapping.process.worker import MapWorker
 from companion.orders import InterruptedFlightError, Orders
 from companion.pilot import Pilot
 from companion.ready import LOOK_PERIOD_S

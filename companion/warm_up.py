@@ -24,7 +24,9 @@ from companion.explorer import Explorer
 from companion.geometry import rotation
 from companion.mapping import VoxelMap
 from companion.mapping.files import write_map
-from companion.mapping.frontier import Reach, survey
+from companion.mapping.process.serve import compile_ahead
+from companion.mapping.queries.frontier import Reach
+from companion.mapping.queries.surveyor import survey
 from companion.model import BEAM_AXES, Camera, DepthFrame, Observation, Pose, RangeReading, Scan, Setpoint, wrap_rad
 
 FLIGHT_S = 150.0
@@ -169,6 +171,7 @@ def main() -> None:
     settings = load_settings(None, "flight")
     fly(with_large_images(settings), flight_s=1.0)
     voxels, flown_m = fly(settings, FLIGHT_S)
+    compile_ahead(settings.mapping, (settings.sensors.camera.model(),), reach(settings))
     survey(voxels.snapshot(), flown_m, reach(settings))
     points_m = voxels.occupied()
     voxels.free()

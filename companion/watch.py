@@ -10,7 +10,7 @@ from companion.autopilot.preflight import CheckResult
 from companion.autopilot.telemetry import Telemetry
 from companion.control import Navigator
 from companion.ending import Ending
-from companion.mapping.worker import MapWorker
+from companion.mapping.process.worker import MapWorker
 from companion.model import Mode
 from companion.pilot import TickRecord
 from companion.recording import Recorder, Tick
@@ -34,15 +34,19 @@ _MEANING = {
 
 
 class MapFeed:
-    """Gives every depth image to the map."""
+    """Gives every depth image and every planar scan to the map."""
 
     def __init__(self, mapper: MapWorker) -> None:
         self._mapper = mapper
 
     def __call__(self, tick: TickRecord) -> None:
-        """Offer the tick's image; when the map is slow it is dropped and counted there."""
-        if tick.observation is not None and tick.observation.frame is not None:
+        """Offer what the tick saw; when the map is slow it is dropped and counted there."""
+        if tick.observation is None:
+            return
+        if tick.observation.frame is not None:
             self._mapper.offer(tick.observation.frame)
+        if tick.observation.planar is not None:
+            self._mapper.offer_scan(tick.observation.planar)
 
 
 class Recording:
@@ -95,6 +99,7 @@ class Announcements:
         self._next_line_s = 0.0
         self._began_s: float | None = None
         self._texts_until_s = 0.0
+        self._map_problem = ""
 
     def checks(self, results: Sequence[CheckResult]) -> None:
         """Put every check on record, above all those that were skipped."""
@@ -126,6 +131,7 @@ class Announcements:
     def __call__(self, tick: TickRecord) -> None:
         """Note what a pilot must know of this tick."""
         self._relay_texts()
+        self._tell_map()
         measurement = tick.measurement
         self._announcer.value("d", None if measurement is None else measurement.d_m)
         self._announcer.value("h", None if measurement is None else measurement.h_m)
@@ -151,6 +157,17 @@ class Announcements:
                 self._recorder.event("statustext", text.text)
         if texts:
             self._texts_until_s = max(self._texts_until_s, texts[-1].received_s)
+
+    def _tell_map(self) -> None:
+        """Nothing of the map ends a flight at once, so whoever could make room has to know of it."""
+        problem = self._mapper.status.problem
+        if problem == self._map_problem:
+            return
+        self._map_problem = problem
+        text = f"map: {problem or 'in order again'}"
+        self._say(text)
+        self._announcer.say(text, Severity.WARNING if problem else Severity.NOTICE)
+        self._recorder.event("map", text, logging.WARNING if problem else logging.INFO)
 
     def _tell_missing(self, tick: TickRecord) -> None:
         if not tick.missing:

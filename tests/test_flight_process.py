@@ -154,7 +154,7 @@ def test_what_stands_on_the_command_line_reaches_the_flight(gate: FakeGate, monk
     """After a death it is started with --start: what flew by itself before must not do so again."""
     found: list[tuple[Settings, Options, GateLink]] = []
 
-    async def fly(settings: Settings, options: Options, link: GateLink, _: object) -> dict[str, Any]:
+    async def fly(settings: Settings, options: Options, link: GateLink, *_: object) -> dict[str, Any]:
         found.append((settings, options, link))
         return summary()
 

@@ -13,9 +13,9 @@ from companion.autopilot.announce import Announcer
 from companion.autopilot.preflight import CheckResult
 from companion.autopilot.telemetry import Telemetry
 from companion.ending import Ending
-from companion.mapping.map_status import MapStatus
-from companion.mapping.worker import MapWorker
-from companion.model import DepthFrame, Mode, Observation, Pose, Setpoint
+from companion.mapping.process.status import MapStatus
+from companion.mapping.process.worker import MapWorker
+from companion.model import DepthFrame, Mode, Observation, PlanarScan, Pose, Setpoint
 from companion.pilot import TickRecord
 from companion.recording import Recorder
 from companion.recording.content import ENDED, ENGAGED
@@ -42,13 +42,18 @@ POSE = Pose(0.0, 0.0, 0.0, 1.5, 0.0)
 
 @dataclass
 class Mapper:
-    """Notes the images that it is offered."""
+    """Notes the images and scans that it is offered."""
 
     status: MapStatus = STATUS
     offered: list[DepthFrame] = field(default_factory=list)
+    scans: list[PlanarScan] = field(default_factory=list)
 
     def offer(self, frame: DepthFrame) -> bool:
         self.offered.append(frame)
+        return True
+
+    def offer_scan(self, scan: PlanarScan) -> bool:
+        self.scans.append(scan)
         return True
 
 
@@ -72,10 +77,11 @@ class Stand:
         self.announcer = Announcer(self.link, self.clock)
         self.notes = Notes()
         self.said: list[str] = []
+        self.mapper = Mapper()
         self.announcements = Announcements(
             self.announcer,
             self.telemetry,
-            cast("MapWorker", Mapper()),
+            cast("MapWorker", self.mapper),
             cast("Recorder", self.notes),
             self.said.append,
         )
@@ -163,12 +169,35 @@ def test_skipped_checks_are_on_record() -> None:
     assert len(stand.notes.events) == 2
 
 
+def test_trouble_of_the_map_is_told_once_and_when_it_is_over() -> None:
+    """Protects the map from a full disk that somebody could clear: who can must hear of it, once."""
+    stand = Stand()
+    stand.tick()
+    stand.mapper.status = replace(STATUS, problem="disk full, in memory only: make room (No space left)")
+    for _ in range(60):
+        stand.tick()
+    stand.mapper.status = STATUS
+    for _ in range(60):
+        stand.tick()
+    told = [line for line in stand.said if line.startswith("map: ")]
+    assert told == ["map: disk full, in memory only: make room (No space left)", "map: in order again"]
+    assert [text for text in stand.texts() if text.startswith("map: ")] == [
+        "map: disk full, in memory only: make room (No sp..",
+        "map: in order again",
+    ]
+    assert ("map", told[0], logging.WARNING) in stand.notes.events
+
+
 @pytest.mark.parametrize("with_frame", [True, False])
-def test_the_map_gets_every_image(with_frame: bool) -> None:
+@pytest.mark.parametrize("with_scan", [True, False])
+def test_the_map_gets_every_image_and_every_scan(with_frame: bool, with_scan: bool) -> None:
+    """Protects the map from a sensor that is heard by the law only."""
     mapper = Mapper()
     frame = DepthFrame(1.0, np.full((CAMERA.height_px, CAMERA.width_px), 2.0, np.float32), CAMERA, POSE)
-    seen = Observation(1.0, POSE, frame if with_frame else None)
+    scan = PlanarScan(1.0, np.array([0.0, 0.1]), np.array([2.0, 2.0]), 10.0, POSE)
+    seen = Observation(1.0, POSE, frame if with_frame else None, planar=scan if with_scan else None)
     feed = MapFeed(cast("MapWorker", mapper))
     feed(TickRecord(1.0, seen, None, Mode.HOLD, None, False, False, (), 0.0))
     feed(TickRecord(1.0, None, None, Mode.HOLD, None, False, False, ("pose",), 0.0))
     assert mapper.offered == ([frame] if with_frame else [])
+    assert mapper.scans == ([scan] if with_scan else [])

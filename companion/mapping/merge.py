@@ -90,7 +90,7 @@ class MergedMap:
     def pieces(self, most_chunks: int = MOST_CHUNKS) -> Iterator[MapPiece]:
         """Every chunk once, ``most_chunks`` at a time."""
         for first in range(0, len(self.chunks), most_chunks):
-            chunks, keys = (all_of[first : first + most_chunks] for all_of in (self.chunks, self._keys))
+            chunks, keys = self.chunks[first : first + most_chunks], self._keys[first : first + most_chunks]
             values = np.full((len(chunks), VOLUME), NOTHING, np.int16)
             for voxels in self._maps:
                 theirs = voxels.read(chunks)

@@ -25,7 +25,7 @@ from companion.config.sensors import CameraSettings, PlanarSettings, SensorSetti
 from companion.config.settings import Settings
 from companion.explorer import Explorer
 from companion.inputs import Inputs
-from companion.mapping.worker import MapWorker
+from companion.mapping.process.worker import MapWorker
 from companion.model import Setpoint
 from companion.orders import Orders
 from companion.pace import Pace
@@ -93,7 +93,7 @@ class Flying:
         self.announcements = Announcements(
             self.announcer,
             self.telemetry,
-            cast("MapWorker", SimpleNamespace(status=SimpleNamespace(completeness=0.5, frontiers=3))),
+            cast("MapWorker", SimpleNamespace(status=SimpleNamespace(completeness=0.5, frontiers=3, problem=""))),
             cast("Recorder", SimpleNamespace(event=lambda _name, text, *_: text.encode())),
             self._say,
         )

@@ -10,66 +10,22 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from companion.config.control import ControlSettings
 from companion.config.mapping import MapSettings
-from companion.mapping import VoxelMap, worker, worker_process
-from companion.mapping.frontier import survey
-from companion.mapping.worker import MapError, MapWorker
-from companion.model import DepthFrame
+from companion.errors import CompanionError
+from companion.mapping import VoxelMap
+from companion.mapping.process import serve, worker
+from companion.mapping.process.kept_map import KeptMap
+from companion.mapping.process.messages import OfferedFrame
+from companion.mapping.process.worker import MapError
+from companion.mapping.queries.surveyor import survey
 from tests.mapping import scenes
-
-CAMERA = scenes.camera(80, 60)
-LOW_M, HIGH_M = np.array([-4.0, -3.0, 0.0]), np.array([4.0, 3.0, 3.0])
-
-
-def images(count: int = 12) -> list[DepthFrame]:
-    """One turn on the spot in a closed room."""
-    frames = []
-    for n in range(count):
-        at = scenes.pose(0.0, 0.0, 1.5, yaw=2.0 * math.pi * n / count)
-        image = scenes.frame(CAMERA, at, scenes.room_depth(CAMERA, at, LOW_M, HIGH_M))
-        frames.append(dataclasses.replace(image, t_s=0.2 * n))
-    return frames
-
-
-def mapper(folder: Path | None = None) -> MapWorker:
-    return MapWorker(MapSettings(), CAMERA, ControlSettings(), folder)
-
-
-async def until(true: Callable[[], bool], what: str, timeout_s: float = 60.0) -> None:
-    """Wait for something that another process has to do."""
-    end_s = time.monotonic() + timeout_s
-    while not true():
-        assert time.monotonic() < end_s, f"still not: {what}"
-        await asyncio.sleep(0.02)
-
-
-async def give(maps: MapWorker, frames: list[DepthFrame]) -> None:
-    """Offer each frame until it is taken."""
-    before = maps.status.frames
-    for frame in frames:
-        await until(lambda frame=frame: maps.offer(frame), "taken")  # type: ignore[misc]
-    await until(lambda: maps.status.frames >= before + len(frames), "integrated")
-
-
-def child_of(maps: MapWorker) -> int:
-    assert maps._process is not None
-    assert maps._process.pid is not None
-    return maps._process.pid
-
-
-def gone(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return True
-    return Path(f"/proc/{pid}/stat").read_text(encoding="ascii").split()[2] == "Z"
+from tests.mapping.workers import CAMERA, child_of, give, gone, images, mapper, until
 
 
 def test_the_map_of_the_process_is_the_map(tmp_path: Path) -> None:
@@ -102,8 +58,8 @@ def test_the_map_of_the_process_is_the_map(tmp_path: Path) -> None:
         return paths
 
     paths = asyncio.run(fly())
-    assert sorted(path.name for path in paths) == ["map.bt", "map.las", "map.pcd", "map.ply"]
-    assert sorted(path.name for path in (tmp_path / "map").iterdir()) == sorted(path.name for path in paths)
+    assert {"map.bt", "map.pcd", "map.ply"} <= {path.name for path in paths}
+    assert {path.name for path in (tmp_path / "map").iterdir()} == {"map.journal"} | {path.name for path in paths}
     text = (tmp_path / "map" / "map.ply").read_bytes()
     assert f"element vertex {here.counts().occupied}\n".encode() in text
 
@@ -147,46 +103,44 @@ def test_a_process_that_is_stopped_is_ended_all_the_same(monkeypatch: pytest.Mon
     assert gone(asyncio.run(fly()))
 
 
-def test_a_killed_process_comes_back_empty(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """The status says that it is gone, that the map began anew, and the third death is the last."""
+def test_a_killed_process_without_a_folder_comes_back_empty(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protects from a status that calls a map whole which is gone; and the death after the last restart is the last."""
     monkeypatch.setattr(worker, "REST_S", 0.05)
     monkeypatch.setattr(worker, "RESTARTS", 1)
 
     async def fly() -> None:
-        async with mapper(tmp_path) as maps:
+        async with mapper() as maps:
             await give(maps, images(3))
             os.kill(child_of(maps), signal.SIGKILL)
             await until(lambda: not maps.status.alive, "noticed")
             assert not maps.status.complete
+            assert maps.status.problem == "the process of the map does not run"
             assert not maps.offer(images(1)[0])
-            with pytest.raises(MapError, match="does not run"):
-                await maps.save()
             await until(lambda: maps.status.alive, "started again")
             assert maps.status.restarts == 1
             assert maps.status.frames == 0, "the map is empty and must say so"
+            assert maps.status.lost == 3
+            assert maps.status.problem == ""
             await give(maps, images(2))
             os.kill(child_of(maps), signal.SIGKILL)
             await until(lambda: not maps.status.alive, "noticed")
             await asyncio.sleep(0.5)
             assert not maps.status.alive, "started more often than allowed"
             assert maps.status.restarts == 1
+            assert maps.status.lost == 5
 
     asyncio.run(fly())
 
 
 def test_nothing_that_goes_wrong_ends_the_map() -> None:
-    """Images that cannot be used are counted, a disk that takes nothing is a clear error, a Ctrl-C is not for it."""
+    """Protects a flight from one bad image and from a Ctrl-C: images that cannot be used are counted, no more."""
 
     async def fly() -> None:
-        # Below a file there is no folder: what a full disk does too, for whoever runs the tests.
-        async with mapper(Path("/dev/full/map")) as maps:
+        async with mapper() as maps:
             other = scenes.camera(40, 30)
             assert not maps.offer(scenes.frame(other, scenes.pose(z_m=1.5), 2.0))
             assert maps.offer(scenes.frame(CAMERA, scenes.pose(z_m=math.nan), 2.0))
             await until(lambda: maps.status.refused == 2, "refused")
-            await give(maps, images(2))
-            with pytest.raises(MapError, match="cannot write the map to /dev/full/map: Not a directory; make room"):
-                await maps.save()
             # In a terminal it goes to every process, and the map must still be there to be saved.
             os.kill(child_of(maps), signal.SIGINT)
             await asyncio.sleep(0.3)
@@ -195,6 +149,18 @@ def test_nothing_that_goes_wrong_ends_the_map() -> None:
             assert maps.status.restarts == 0
 
     asyncio.run(fly())
+
+
+def test_a_folder_that_takes_nothing_is_one_clear_error() -> None:
+    """Protects from a flight whose map can never be written: nothing was armed yet, so it is refused."""
+
+    async def fly() -> None:
+        # Below a file there is no folder.
+        async with mapper(Path("/dev/full/map")):
+            pytest.fail("started with a folder that cannot be")
+
+    with pytest.raises(CompanionError, match=r"/dev/full/map.*Not a directory"):
+        asyncio.run(fly())
 
 
 def test_the_loop_is_not_held_up_by_start_and_end() -> None:
@@ -242,7 +208,7 @@ def test_an_interrupted_application_leaves_nothing() -> None:
 
 _APPLICATION = """
 import asyncio, sys
-from tests.mapping.test_worker import child_of, images, mapper
+from tests.mapping.workers import child_of, images, mapper
 
 async def fly():
     async with mapper() as maps:
@@ -294,10 +260,13 @@ def test_a_process_that_cannot_start_is_an_error(monkeypatch: pytest.MonkeyPatch
 
 
 def test_the_places_flown_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Hours of flight must not fill the memory: the oldest place is forgotten."""
-    monkeypatch.setattr(worker_process, "MOST_PLACES", 3)
-    reach = mapper()._reach
-    maps = worker_process._Worker(None, None, MapSettings(), CAMERA, reach)  # type: ignore[arg-type]
+    """Protects the memory when nobody looks for frontiers for hours: the oldest place is forgotten."""
+    monkeypatch.setattr(serve, "MOST_PLACES", 3)
+    pipe, _other_end = get_context("spawn").Pipe()
+    rings = mapper()._rings
+    maps = serve._Worker(pipe, rings, KeptMap(MapSettings(), None), mapper()._reach)
+    rings[0].array(0)[...] = 2.0
     for n in range(10):
-        maps._remember(scenes.pose(float(n), 0.0, 1.5))
-    assert [place[0] for place in maps._flown.values()] == [7.0, 8.0, 9.0]
+        pose = dataclasses.replace(scenes.pose(float(n), 0.0, 1.5), vx_mps=0.5)
+        maps._put(OfferedFrame(0, 0, float(n), pose, CAMERA))
+    assert [place[0] for place in maps._flown] == [7.0, 8.0, 9.0]

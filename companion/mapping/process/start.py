@@ -1,0 +1,21 @@
+"""How the processes of the map are started."""
+
+from __future__ import annotations
+
+import signal
+from multiprocessing.context import SpawnProcess
+
+
+def start(process: SpawnProcess) -> None:
+    """Start with SIGINT held back, or a Ctrl-C while the process is loading would end it."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        process.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
+def ignore_ctrl_c() -> None:
+    """In the process: a Ctrl-C in the terminal reaches every process, and the application decides what ends when."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
