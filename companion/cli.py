@@ -18,7 +18,7 @@ from typing import Annotated
 
 import typer
 
-from companion import flight_commands, safety_commands
+from companion import flight_commands, map_commands, safety_commands
 from companion.errors import EXIT_INTERRUPTED, CompanionError
 
 DISTRIBUTION = "mine-companion"
@@ -106,6 +106,7 @@ def _app(commands: dict[str, EntryPoint], called: str | None) -> typer.Typer:
         app.command()(command)
     app.add_typer(config_app, name="config")
     app.add_typer(safety_commands.app, name="safety")
+    app.add_typer(map_commands.app, name="map")
     for name, entry in sorted(commands.items()):
         if name == called:
             loaded = entry.load()

@@ -1,0 +1,92 @@
+"""The states of a map's voxels, packed so that a large map fits into memory while it is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.mapping.chunks import EDGE, NOTHING, OFFSETS, VOLUME
+from companion.mapping.piece import MapSource
+
+_PIECE = 256
+_OCTETS = VOLUME // 8
+
+
+class State(IntEnum):
+    """What is drawn of a voxel."""
+
+    OCCUPIED = 0
+    FREE = 1
+    UNDECIDED = 2
+
+
+@dataclass(frozen=True, slots=True)
+class PackedVoxels:
+    """One bit for each voxel and state.
+
+    Attributes:
+        voxel_m: edge of a voxel.
+        chunks: (n, 3) int32 coordinates.
+        bits: (3, n, 512) uint8 by `State`; bit 0 of a byte is the first of its eight voxels in Morton order, so a byte
+            is a cube of 2 and eight of them a cube of 4.
+    """
+
+    voxel_m: float
+    chunks: NDArray[np.int32]
+    bits: NDArray[np.uint8]
+
+    def count(self, state: State) -> int:
+        """How many voxels are in that state."""
+        return int(np.bitwise_count(self.bits[state]).sum(dtype=np.int64))
+
+    def where(self, rows: NDArray[np.bool_]) -> PackedVoxels:
+        """Only some of the chunks, those of which ``rows`` (n,) is true."""
+        return PackedVoxels(self.voxel_m, self.chunks[rows], self.bits[:, rows])
+
+    def numbers(self, state: State, level: int = 0) -> Iterator[NDArray[np.int32]]:
+        """The (k, 3) integer coordinates of cubes of 2^level voxels, from 0 to 4, a few hundred chunks at a time.
+
+        An occupied or undecided voxel shows in the cube around it. A cube is free when half of it is.
+        """
+        edge = 1 << level
+        corners = OFFSETS[:: edge**3].astype(np.int32) // edge
+        for first in range(0, len(self.chunks), _PIECE):
+            shown = cubes(self.bits[state, first : first + _PIECE], level, state is State.FREE)
+            rows, places = np.nonzero(shown)
+            yield self.chunks[first + rows] * (EDGE // edge) + corners[places]
+
+
+def cubes(bits: NDArray[np.uint8], level: int, by_half: bool) -> NDArray[np.bool_]:
+    """(n, 4096 / 8^level) whether the cubes of 2^level voxels are shown, from ``bits`` (n, 512)."""
+    if level == 0:
+        return np.unpackbits(bits, axis=1, bitorder="little").view(np.bool_)
+    filled = np.bitwise_count(bits).reshape(len(bits), -1, 8 ** (level - 1)).sum(axis=2, dtype=np.int32)
+    return np.asarray(filled >= (8**level // 2 if by_half else 1))
+
+
+def packed(source: MapSource, progress: Callable[[int], None] = lambda _: None) -> PackedVoxels:
+    """Go through a map once.
+
+    Args:
+        source: the map.
+        progress: is told how many chunks were seen so far.
+    """
+    chunks = [np.zeros((0, 3), np.int32)]
+    bits = [np.zeros((3, 0, _OCTETS), np.uint8)]
+    seen = 0
+    for piece in source.pieces(_PIECE):
+        values = piece.values
+        known = values != NOTHING
+        occupied = known & (values >= source.threshold)
+        free = known & (values < 0)
+        states = np.stack([occupied, free, known & ~occupied & ~free])
+        some = states.any(axis=(0, 2))
+        chunks.append(piece.chunks[some])
+        bits.append(np.packbits(states[:, some], axis=2, bitorder="little"))
+        seen += len(piece.chunks)
+        progress(seen)
+    return PackedVoxels(source.voxel_m, np.concatenate(chunks), np.concatenate(bits, axis=1))

@@ -1,0 +1,151 @@
+"""The page in the browser: that it is served, what is on it, and that nobody else sees it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import urllib.request
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("viser", reason="pip install mine-companion[ground]")
+
+from companion import cli
+from companion.config.mapping import MapSettings
+from companion.errors import InputError
+from companion.ground.page import MOST_LAYERS, Page, cloud, serve
+from companion.ground.voxels import PackedVoxels, State
+from companion.mapping.chunks import OFFSETS
+from companion.mapping.journal import Header, Journal
+from companion.mapping.piece import MapPiece
+from tests.ground.maps import nothing, tunnel
+
+
+def free_port() -> int:
+    with closing(socket.socket()) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def served(voxels: PackedVoxels, most_points: int = 1_000_000) -> Iterator[Page]:
+    way = {"trajectory.csv": np.array([[0.5, 1.0, 0.5], [5.5, 1.0, 0.5]])}
+    with serve(voxels, "mission/map.journal", way, "127.0.0.1", free_port(), most_points) as page:
+        yield page
+
+
+@pytest.fixture
+def page() -> Iterator[Page]:
+    """A tunnel, served."""
+    yield from served(tunnel())
+
+
+def test_the_page_is_served_from_this_machine(page: Page) -> None:
+    """Protects the view underground: the page comes over HTTP, and asks no other machine for anything."""
+    with urllib.request.urlopen(f"http://127.0.0.1:{page.port}/") as answer:
+        text = answer.read().decode("utf-8")
+    assert answer.status == 200
+    head = text.partition("<body")[0]
+    assert "<script" in text
+    assert 'src="http' not in head
+    assert 'href="http' not in head
+
+
+def test_every_voxel_is_on_the_page(page: Page) -> None:
+    """Protects the content: as many points as the map has voxels, of their size, coloured from dark to light."""
+    shown = {state: sum(len(layer.handle.points) for layer in page.layers if layer.state is state) for state in State}
+    assert shown == {state: tunnel().count(state) for state in State}
+    occupied = [layer for layer in page.layers if layer.state is State.OCCUPIED]
+    assert [layer.handle.point_size for layer in occupied] == pytest.approx([0.1] * len(occupied))
+    lowest = min(occupied, key=lambda layer: layer.low_m)
+    assert lowest.by_height[0].tolist() == [68, 1, 84]
+    assert page.note == ""
+
+
+def test_free_space_is_shown_when_asked_for(page: Page) -> None:
+    """Protects the first sight: walls alone; free and undecided voxels wait for their box."""
+    assert {layer.state for layer in page.layers if layer.handle.visible} == {State.OCCUPIED}
+    assert {layer.state for layer in page.layers} == set(State)
+
+
+def test_layers_cover_all_heights(page: Page) -> None:
+    """Protects the cut: every point is in the layer of its height, and there are few enough to switch at once."""
+    assert len({layer.low_m for layer in page.layers}) <= MOST_LAYERS
+    for layer in page.layers:
+        heights = layer.handle.points[:, 2]
+        assert (heights >= layer.low_m - 1e-4).all()
+        assert (heights <= layer.high_m + 1e-4).all()
+
+
+def test_a_large_map_is_shown_coarser_and_it_is_said() -> None:
+    """Protects from a page that never opens, and from taking what is thinned out for the whole."""
+    # 14,400 free voxels are 1,800 cubes of 2.
+    for shown in served(tunnel(), most_points=2000):
+        assert "too many voxels to show each: occupied in cubes of 0.2 m, free in cubes of 0.2 m" in shown.note
+        for state in State:
+            points = sum(len(layer.handle.points) for layer in shown.layers if layer.state is state)
+            assert 0 < points <= 2000
+
+
+@pytest.mark.parametrize("most", [1, 7, 100, 5000])
+def test_there_are_never_more_points_than_allowed(most: int) -> None:
+    """Protects the limit also where the coarsest cubes are too many."""
+    for state in State:
+        assert len(cloud(tunnel(), state, most).points_m) <= most
+
+
+def test_an_empty_map_is_served_too() -> None:
+    """Protects a flight that saw nothing."""
+    for shown in served(nothing()):
+        assert shown.layers == []
+
+
+def test_a_port_that_is_taken_is_refused() -> None:
+    """Protects from looking at another map: viser alone would quietly take the next port."""
+    with closing(socket.socket()) as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = int(other.getsockname()[1])
+        with (
+            pytest.raises(InputError, match=f"cannot listen at 127.0.0.1 port {port}: .* give another --port"),
+            serve(tunnel(), "map", {}, "127.0.0.1", port, 1000),
+        ):
+            pass
+
+
+def test_the_map_is_never_made_public(page: Page) -> None:
+    """Protects the customer's map: no visitor can have it published through viser's tunnel."""
+    assert page.server.request_share_url() is None
+
+
+def test_ctrl_c_ends_the_command(tmp_path: Path) -> None:
+    """Protects the terminal: the address is printed, and Ctrl-C ends it with 130 and without a traceback."""
+    with Journal.open(tmp_path / "map.journal", Header.of(MapSettings())) as journal:
+        values = np.where(OFFSETS[:, 2] > 8, 2000, -1000).astype(np.int16)
+        journal.append(MapPiece(np.zeros((1, 3), np.int32), values[None]))
+    port = free_port()
+    with subprocess.Popen(
+        [sys.executable, "-m", "companion", "map", "view", str(tmp_path), "--port", str(port)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": str(Path(cli.__file__).parents[1]), "PYTHONUNBUFFERED": "1"},
+    ) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == f"{tmp_path}: open http://localhost:{port}; Ctrl-C ends it\n"
+            with urllib.request.urlopen(f"http://127.0.0.1:{port}/") as answer:
+                assert answer.status == 200
+            process.send_signal(signal.SIGINT)
+            printed, errors = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    assert process.returncode == 130
+    assert "Traceback" not in errors
+    assert printed.strip() == ""
