@@ -6,14 +6,12 @@ the surface or outside the image is left alone, one that is clear everywhere nee
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from companion.mapping.chunks import BRICK, OFFSETS
-from companion.mapping.depth_image import LEVELS, TILE_PX, ClearDepth
+from companion.mapping.depth_image import LEVELS, TILE_PX
 from companion.mapping.view import Projection
 
 UNSEEN, CLEAR, MIXED = 0, 1, 2
@@ -23,11 +21,22 @@ _NEARLY_ZERO_M = 1e-6
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def judge(clear: ClearDepth, p: Projection, i: int, j: int, k: int, edge: int) -> int:
+def judge(
+    least_m: NDArray[np.float32], most_m: NDArray[np.float32], p: Projection, i: int, j: int, k: int, edge: int
+) -> int:
     """Whether the voxel centres of a block are all looked through, or none is, or neither is sure.
 
     The block is the cube of ``edge`` voxels whose lowest voxel is (i, j, k) of the box. Its extent along each camera
     axis is exact, its outline in the image is a rectangle around it, and that is widened to whole tiles.
+
+    Args:
+        least_m: as in `ClearDepth`. (A tuple with arrays in it would cost more than the rest: `store.store_brick`.)
+        most_m: likewise.
+        p: from voxels to pixels.
+        i: lowest voxel of the block, in the box.
+        j: the same along y.
+        k: the same along z.
+        edge: of the block, in voxels.
     """
     half = 0.5 * (edge - 1)
     x, y, z = i + half, j + half, k + half
@@ -63,58 +72,56 @@ def judge(clear: ClearDepth, p: Projection, i: int, j: int, k: int, edge: int) -
     most, least = np.float32(0.0), np.float32(np.inf)
     for row in range(upper // tile, lower // tile + 1):
         for column in range(left // tile, right_most // tile + 1):
-            high_m, low_m = clear.most_m[level, row, column], clear.least_m[level, row, column]
-            most = max(most, high_m)
-            least = min(least, low_m)
+            # Indices without a sign: numba would look for negative ones.
+            at = np.uint32(level), np.uint32(row), np.uint32(column)
+            most, least = max(most, most_m[at]), min(least, least_m[at])
     if nearest >= most:
         return UNSEEN
     return CLEAR if inside and farthest < least else MIXED
 
 
-class Brick(NamedTuple):
-    """The 64 voxels of a brick in Morton order: where they are from its lowest one, and room to work in.
-
-    Attributes:
-        depth_m: (64,) float32, added to the depth of the lowest voxel.
-        right: (64,) float32, the same for depth times (u - cx).
-        down: (64,) float32, the same for depth times (v - cy).
-        pixels: (64,) int32, the pixel that each voxel was last projected to, counted row by row.
-        depths_m: (64,) float32, its depth then; infinite outside the image.
-    """
-
-    depth_m: NDArray[np.float32]
-    right: NDArray[np.float32]
-    down: NDArray[np.float32]
-    pixels: NDArray[np.int32]
-    depths_m: NDArray[np.float32]
-
-
 @njit(cache=True, nogil=True)
-def brick_of(p: Projection) -> Brick:
-    """The brick as one camera position sees it."""
+def offsets_of(p: Projection) -> NDArray[np.float32]:
+    """(3, 64) what is added to depth, right and down of a brick's lowest voxel for each of its voxels."""
     x, y, z = OFFSETS[:BRICK, 0], OFFSETS[:BRICK, 1], OFFSETS[:BRICK, 2]
-    return Brick(
-        (x * p.depth_i + y * p.depth_j + z * p.depth_k).astype(np.float32),
-        (x * p.right_i + y * p.right_j + z * p.right_k).astype(np.float32),
-        (x * p.down_i + y * p.down_j + z * p.down_k).astype(np.float32),
-        np.empty(BRICK, np.int32),
-        np.empty(BRICK, np.float32),
-    )
+    offsets = np.empty((3, BRICK), np.float32)
+    offsets[0] = x * p.depth_i + y * p.depth_j + z * p.depth_k
+    offsets[1] = x * p.right_i + y * p.right_j + z * p.right_k
+    offsets[2] = x * p.down_i + y * p.down_j + z * p.down_k
+    return offsets
 
 
-@njit(cache=True, nogil=True, inline="always", error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def look_through(
-    clear: ClearDepth, p: Projection, brick: Brick, i: int, j: int, k: int, seen: NDArray[np.int16]
+    clear_m: NDArray[np.float32],
+    p: Projection,
+    offsets: NDArray[np.float32],
+    i: int,
+    j: int,
+    k: int,
+    pixels: NDArray[np.int32],
+    depths_m: NDArray[np.float32],
+    seen: NDArray[np.int16],
 ) -> None:
-    """Fill in ``seen`` (64,): 1 for each voxel of the brick at (i, j, k) whose centre the camera looked through.
+    """Which voxels of the brick at (i, j, k) the camera looked through, at their centres.
 
     Projection and comparison are loops of their own without a branch and in 32 bits, so that they run on the vector
     unit. Only the place of the brick is worked out in more.
+
+    Args:
+        clear_m: (height * width,) as in `ClearDepth`.
+        p: from voxels to pixels.
+        offsets: from `offsets_of`.
+        i: lowest voxel of the brick, in the box.
+        j: the same along y.
+        k: the same along z.
+        pixels: (64,) room to work in.
+        depths_m: (64,) room to work in.
+        seen: (64,) becomes 1 for a voxel that was looked through, else 0.
     """
     depth_0 = np.float32(p.depth_0 + i * p.depth_i + j * p.depth_j + k * p.depth_k)
     right_0 = np.float32(p.right_0 + i * p.right_i + j * p.right_j + k * p.right_k)
     down_0 = np.float32(p.down_0 + i * p.down_i + j * p.down_j + k * p.down_k)
-    offset_m, right, down, pixels, depths_m = brick
     edge_u, edge_v, width, height = (
         np.float32(p.edge_u),
         np.float32(p.edge_v),
@@ -123,12 +130,11 @@ def look_through(
     )
     zero, one, never, row_px = np.float32(0.0), np.float32(1.0), np.float32(np.inf), np.int32(p.width)
     for n in range(BRICK):
-        depth = depth_0 + offset_m[n]
+        depth = depth_0 + offsets[0, n]
         scale = one / depth
-        u, v = edge_u + (right_0 + right[n]) * scale, edge_v + (down_0 + down[n]) * scale
+        u, v = edge_u + (right_0 + offsets[1, n]) * scale, edge_v + (down_0 + offsets[2, n]) * scale
         inside = (depth > zero) & (u >= zero) & (v >= zero) & (u < width) & (v < height)
         pixels[n] = np.int32(v if inside else zero) * row_px + np.int32(u if inside else zero)
         depths_m[n] = depth if inside else never
-    clear_m = clear.depth_m
     for n in range(BRICK):
         seen[n] = depths_m[n] < clear_m[np.uint32(pixels[n])]

@@ -10,10 +10,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from companion.geometry import rotation
-from companion.mapping.brick import CHANGED, look, update_brick
+from companion.mapping.brick import CHANGED, HITS, LOWERED, compared, lower, raise_, spread
 from companion.mapping.chunks import BRICK, MASK, SHIFT, WORDS, place_of
 from companion.mapping.sensor_model import Steps
-from companion.mapping.store import Table, find_row, has_room, keep_row, next_row
+from companion.mapping.store import Table, find_row, has_room, keep_row, load_brick, next_row, store_brick
 from companion.mapping.view import Box, box_of
 from companion.model import FloatArray, PlanarScan
 
@@ -139,8 +139,11 @@ def update_passed(
     Returns:
         The number of the chunk that did not find room, or the number of chunks when all are done.
     """
-    work = look()
-    work.gains[:] = steps.hits[0]
+    seen, hits = np.zeros(BRICK, np.int16), np.zeros(BRICK, np.int16)
+    old, new = np.zeros(BRICK, np.int16), np.zeros(BRICK, np.int16)
+    gains = np.full(BRICK, steps.hits[0], np.int16)
+    codes, voxels, spare, used = table.codes, table.voxels, table.spare, table.used
+    miss, lowest, highest = np.int16(steps.miss), np.int16(steps.lowest), np.int16(steps.highest)
     for number in range(start, passed.slots.shape[0]):
         slot = passed.slots[number]
         if slot < 0:
@@ -157,9 +160,17 @@ def update_passed(
             hit, through = passed.hits[slot, word], passed.seen[slot, word]
             if hit | through == np.uint64(0):
                 continue
-            for n in range(BRICK):
-                work.seen[n] = (through >> np.uint64(n)) & np.uint64(1)
-            changed |= update_brick(table, row, word, work, hit, steps, counts)
+            spread(through, seen)
+            spread(hit, hits)
+            load_brick(voxels, codes[row, word], old)
+            lower(old, seen, miss, lowest, new)
+            raise_(old, hits, gains, highest, new)
+            hit_here, changed_here, missed_here = compared(old, new, hits)
+            counts[HITS] += hit_here
+            if changed_here:
+                counts[LOWERED] += missed_here
+                store_brick(codes, voxels, spare, used, row, word, new)
+                changed = True
         if changed:
             if is_new:
                 keep_row(table)

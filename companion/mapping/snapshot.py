@@ -17,7 +17,7 @@ class IntegrationReport:
 
     Attributes:
         hits: voxels that held the end of a ray.
-        misses: voxels that were looked through.
+        misses: voxels that were looked through, and are surer of being free than before.
         pixels_hit: pixels that measured a surface within the map's range.
         pixels_clear: pixels that saw free space up to the limit.
         pixels_invalid: pixels that said nothing: NaN, or nearer than the camera measures.

@@ -52,13 +52,13 @@ class Table(NamedTuple):
     used: NDArray[np.int64]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True)
 def code_of(value: Integer) -> int:
     """The code of a brick whose voxels all have this value."""
     return _ALIKE - int(value)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True)
 def shared_value(code: Integer) -> int:
     """The value that all voxels of a brick have; its code is below zero."""
     return _ALIKE - int(code)
@@ -100,21 +100,21 @@ def keep_row(table: Table) -> None:
     table.used[CHUNKS] = row + 1
 
 
-@njit(cache=True, nogil=True, inline="always")
-def take_brick(table: Table) -> int:
+@njit(cache=True, nogil=True)
+def take_brick(spare: NDArray[np.int32], used: NDArray[np.int64]) -> int:
     """A brick of the pool; its voxels are whatever they were."""
-    if table.used[SPARE]:
-        table.used[SPARE] -= 1
-        return int(table.spare[table.used[SPARE]])
-    table.used[BRICKS] += 1
-    return int(table.used[BRICKS] - 1)
+    if used[SPARE]:
+        used[SPARE] -= 1
+        return int(spare[used[SPARE]])
+    used[BRICKS] += 1
+    return int(used[BRICKS] - 1)
 
 
-@njit(cache=True, nogil=True, inline="always")
-def give_back(table: Table, brick: Integer) -> None:
+@njit(cache=True, nogil=True)
+def give_back(spare: NDArray[np.int32], used: NDArray[np.int64], brick: Integer) -> None:
     """A brick is not needed any more."""
-    table.spare[table.used[SPARE]] = brick
-    table.used[SPARE] += 1
+    spare[used[SPARE]] = brick
+    used[SPARE] += 1
 
 
 @njit(cache=True, nogil=True)
@@ -126,32 +126,44 @@ def is_alike(values: NDArray[np.int16]) -> bool:
     return bool(other == 0)
 
 
-@njit(cache=True, nogil=True, inline="always")
-def store_brick(table: Table, row: int, word: int, values: NDArray[np.int16]) -> None:
-    """Make ``values`` (64,) those of a brick; one whose voxels are all alike takes no memory."""
-    code = table.codes[row, word]
+@njit(cache=True, nogil=True)
+def store_brick(
+    codes: NDArray[np.int32],
+    voxels: NDArray[np.int16],
+    spare: NDArray[np.int32],
+    used: NDArray[np.int64],
+    row: int,
+    word: int,
+    values: NDArray[np.int16],
+) -> None:
+    """Make ``values`` (64,) those of a brick; one whose voxels are all alike takes no memory.
+
+    This and `load_brick` take the arrays of a `Table` one by one: handing over a tuple costs numba a count of
+    references for each array in it, which is more than all the rest of a brick's update.
+    """
+    code = codes[row, word]
     # Seldom are the first and the last alike and those between them not.
     if values[0] == values[BRICK - 1] and is_alike(values):
         if code >= 0:
-            give_back(table, code)
-        table.codes[row, word] = code_of(values[0])
+            give_back(spare, used, code)
+        codes[row, word] = code_of(values[0])
         return
     if code < 0:
-        code = take_brick(table)
-        table.codes[row, word] = code
-    voxels = table.voxels
+        code = take_brick(spare, used)
+        codes[row, word] = code
+    # An index without a sign: numba would look for negative ones with every voxel.
+    brick = np.uint32(code)
     for n in range(BRICK):
-        voxels[code, n] = values[n]
+        voxels[brick, n] = values[n]
 
 
-@njit(cache=True, nogil=True, inline="always")
-def load_brick(table: Table, code: Integer, values: NDArray[np.int16]) -> None:
+@njit(cache=True, nogil=True)
+def load_brick(voxels: NDArray[np.int16], code: Integer, values: NDArray[np.int16]) -> None:
     """Fill in ``values`` (64,) with the voxels of a brick."""
-    # Loops, because assigning to a slice costs more than all the rest of a brick's update.
     if code >= 0:
-        voxels = table.voxels
+        brick = np.uint32(code)
         for n in range(BRICK):
-            values[n] = voxels[code, n]
+            values[n] = voxels[brick, n]
     else:
         value = np.int16(shared_value(code))
         for n in range(BRICK):
@@ -162,9 +174,10 @@ def load_brick(table: Table, code: Integer, values: NDArray[np.int16]) -> None:
 def load_rows(table: Table, rows: NDArray[np.int64]) -> NDArray[np.int16]:
     """(n, 4096) the voxels of the chunks in ``rows`` (n,), in Morton order; unknown for row -1."""
     values = np.full((rows.shape[0], WORDS * BRICK), NOTHING)
+    codes, voxels = table.codes, table.voxels
     for number in range(rows.shape[0]):
         for word in range(WORDS if rows[number] >= 0 else 0):
-            load_brick(table, table.codes[rows[number], word], values[number, BRICK * word : BRICK * word + BRICK])
+            load_brick(voxels, codes[rows[number], word], values[number, BRICK * word : BRICK * word + BRICK])
     return values
 
 
@@ -184,6 +197,7 @@ def store_rows(table: Table, chunks: NDArray[np.int32], values: NDArray[np.int16
     Returns:
         The number of the chunk that did not find room, or n.
     """
+    codes, voxels, spare, used = table.codes, table.voxels, table.spare, table.used
     for number in range(start, chunks.shape[0]):
         if not has_room(table):
             return number
@@ -193,7 +207,7 @@ def store_rows(table: Table, chunks: NDArray[np.int32], values: NDArray[np.int16
             row = next_row(table, x, y, z)
             keep_row(table)
         for word in range(WORDS):
-            store_brick(table, row, word, values[number, BRICK * word : BRICK * word + BRICK])
+            store_brick(codes, voxels, spare, used, row, word, values[number, BRICK * word : BRICK * word + BRICK])
         table.revisions[row] = revision
     return int(chunks.shape[0])
 
@@ -208,7 +222,7 @@ def forget_rows(table: Table, chunks: NDArray[np.int32]) -> None:
             continue
         for word in range(WORDS):
             if table.codes[row, word] >= 0:
-                give_back(table, table.codes[row, word])
+                give_back(table.spare, table.used, table.codes[row, word])
         forget_key(table.keys, table.rows, key)
         last = int(table.used[CHUNKS]) - 1
         if row != last:

@@ -109,7 +109,9 @@ def compile_ahead(settings: MapSettings, cameras: Sequence[Camera], reach: Reach
             surveyor = _surveyor(scratch, reach)
             surveyor.update(scratch.snapshot())
             surveyor.flew(np.array([[0.0, 0.0, reach.height_m]]))
-            surveyor.survey((0.0, 0.0, reach.height_m))
+            # Twice: leaving a place that was only surveyed from is compiled too.
+            for x_m in (0.0, 1.0):
+                surveyor.survey((x_m, 0.0, reach.height_m))
 
 
 def _surveyor(kept_map: KeptMap, reach: Reach) -> Surveyor:
