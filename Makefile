@@ -22,8 +22,8 @@ fly: setup ## fly over MAVLink in real time: stub autopilot, world and applicati
 test: setup ## format, lint, types, import contracts and tests; options for pytest: ARGS="-k config"
 	@scripts/check $(ARGS)
 
-test-flights: setup ## more whole flights over MAVLink, which `make test` leaves out for time
-	@.venv/bin/pytest -n 2 -m flight tests/integration tests/safety $(ARGS)
+test-flights: setup ## more whole flights over MAVLink, and other tests that `make test` leaves out for time
+	@.venv/bin/pytest -n 2 -m "flight or long" $(ARGS)
 
 test-safety: setup ## the fault matrix: each fault in a flight towards a wall; options: ARGS="--help"
 	@.venv/bin/python -m tests.safety.matrix $(ARGS)

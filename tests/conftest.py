@@ -11,9 +11,5 @@ settings.load_profile("busy machine")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Whole flights first: one worker flies, and mostly waits, while another computes.
-
-    Each worker begins with its share in this order, and takes from the end of another's when it has none left. So no
-    two flights need the computer at the same time, and none is left to be waited for at the end.
-    """
+    """What takes long first: each worker takes from the end of another's share when it has none left."""
     items.sort(key=lambda item: item.get_closest_marker("slow") is None)

@@ -30,7 +30,9 @@ while True:
 
 
 @pytest.mark.timeout(400)
-@pytest.mark.parametrize("format_", ["laz", "ot", "obj"])
+@pytest.mark.parametrize(
+    "format_", [pytest.param("laz", marks=pytest.mark.long), "ot", pytest.param("obj", marks=pytest.mark.long)]
+)
 def test_a_killed_writer_leaves_old_or_new(format_: str, tmp_path: Path) -> None:
     """Protects the map when the power goes while it is written: the old file or the new one, and nothing for ever."""
     path = tmp_path / f"map.{format_}"

@@ -35,7 +35,7 @@ while True:
 
 
 @pytest.mark.timeout(400)
-@pytest.mark.parametrize("compacts", [False, True])
+@pytest.mark.parametrize("compacts", [pytest.param(False, marks=pytest.mark.long), True])
 def test_what_was_reported_as_committed_is_there(tmp_path: Path, compacts: bool) -> None:
     """Protects the last second before a crash: a real process is killed in the middle of it, again and again."""
     chance = np.random.default_rng(7)
