@@ -15,6 +15,7 @@ import numpy as np
 from companion.config.show import dump_yaml
 from companion.errors import InputError
 from companion.mapping.files import write_map
+from companion.mapping.journal import Header, Journal
 from sitl.report import ReportData, overview_png, write_report
 from sitl.simulation import Simulation
 
@@ -71,6 +72,10 @@ def write_run(folder: Path, simulation: Simulation, preset: str, config: Path | 
         name = "trajectory.csv" if len(simulation.flights) == 1 else f"trajectory-{flight.log.vehicle_id}.csv"
         flight.log.write_csv(folder / name)
     write_map(voxels, folder)
+    with Journal.open(folder / "map.journal", Header.of(settings.mapping)) as journal:
+        for piece in voxels.pieces():
+            journal.append(piece)
+        journal.commit()
     settings_yaml = dump_yaml(settings)
     (folder / "settings.yaml").write_text(settings_yaml, encoding="utf-8")
     (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")

@@ -103,6 +103,7 @@ def test_a_process_that_is_stopped_is_ended_all_the_same(monkeypatch: pytest.Mon
     assert gone(asyncio.run(fly()))
 
 
+@pytest.mark.long
 def test_a_killed_process_without_a_folder_comes_back_empty(monkeypatch: pytest.MonkeyPatch) -> None:
     """Protects from a status that calls a map whole which is gone; and the death after the last restart is the last."""
     monkeypatch.setattr(worker, "REST_S", 0.05)

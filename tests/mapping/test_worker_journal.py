@@ -122,6 +122,7 @@ def test_a_full_disk_is_told_and_what_was_missed_is_written_later(
     assert kept(tmp_path) == contents(here(frames))
 
 
+@pytest.mark.long
 def test_files_are_written_beside_the_map(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Protects images that come while a map is saved, and the map when a file fails or its process is dead."""
     monkeypatch.setattr(worker, "RESTARTS", 0)

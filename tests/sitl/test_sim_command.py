@@ -35,7 +35,7 @@ sensors:
   camera: {width_px: 64, height_px: 48}
 mapping: {voxel_m: 0.3}
 """
-MAP_FILES = {"map.ply", "map.pcd", "map.bt", "map.laz"}
+MAP_FILES = {"map.ply", "map.pcd", "map.bt", "map.laz", "map.journal"}
 FILES = MAP_FILES | {"trajectory.csv", "summary.json", "report.html", "settings.yaml", "overview.png"}
 SUMMARY = {
     "world", "seed", "preset", "completeness", "precision", "accuracy_m", "completed_at_s", "sim_time_s", "wall_time_s",
