@@ -109,7 +109,7 @@ def test_an_application_that_is_killed_is_stopped_landed_and_not_flown_again(per
         assert flight.exit_code() == 130
 
 
-@pytest.mark.slow
+@pytest.mark.flight
 @pytest.mark.timeout(120)
 def test_a_check_that_fails_refuses_the_flight(tmp_path: Path) -> None:
     """Protects the ground: without a camera nothing is armed, and the operator reads why."""

@@ -38,7 +38,7 @@ async def _fly_lossy(ours: Stage) -> None:
         assert 0.02 < lost / (lost + passed) < 0.09, "the link did lose"
 
 
-@pytest.mark.slow
+@pytest.mark.flight
 @pytest.mark.timeout(120)
 def test_a_link_that_dies_stops_the_vehicle_and_gives_back_only_what_is_still_ours(tmp_path: Path) -> None:
     """Protects the ten seconds in which neither side hears the other, and the moment after.
