@@ -23,7 +23,6 @@ OURS, OTHER = 1, 2
 @pytest.mark.timeout(100)
 @pytest.mark.parametrize(
     "personality",
-    # ArduPilot's pilot is obeyed in `test_application_ends` too.
     ["px4", "ardupilot"],
 )
 def test_the_pilot_of_our_vehicle_is_obeyed_at_once_and_the_one_of_another_is_not(
