@@ -19,7 +19,7 @@ from tests.integration.witness import Witness, apart_m, speed_mps
 SPEED_MPS = 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.flight
 @pytest.mark.timeout(150)
 def test_a_pilot_who_takes_over_keeps_the_vehicle(tmp_path: Path) -> None:
     """Protects the pilot's last word against everything that the application does when a flight ends."""

@@ -18,7 +18,7 @@ def key_file(file: Path, key: str) -> Path:
     return file
 
 
-@pytest.mark.slow
+@pytest.mark.flight
 @pytest.mark.parametrize(("gates_key", "found", "patience_s"), [("7c", True, 8.0), ("11", False, 3.0)])
 def test_only_who_has_the_key_is_heard(gates_key: str, found: bool, patience_s: float, tmp_path: Path) -> None:
     """Protects both directions: the autopilot obeys only the key, and what it says is believed only with it."""

@@ -19,7 +19,7 @@ LEAST_FAULTS = 30
 """As many the safety case promises."""
 TELLING = (
     ("SIGKILL application", "px4"),
-    ("setpoint 10x", "ardupilot"),
+    pytest.param("setpoint 10x", "ardupilot", marks=pytest.mark.flight),
     pytest.param("depth frozen", "px4", marks=pytest.mark.flight),
     pytest.param("SIGKILL gate", "ardupilot", marks=pytest.mark.flight),
 )
