@@ -15,7 +15,7 @@ import numpy as np
 from companion.config.show import dump_yaml
 from companion.errors import InputError
 from companion.mapping.files import write_map
-from companion.mapping.journal import Header, Journal
+from companion.mapping.journal import JOURNAL_NAME, Header, Journal
 from sitl.report import ReportData, overview_png, write_report
 from sitl.simulation import Simulation
 
@@ -72,7 +72,7 @@ def write_run(folder: Path, simulation: Simulation, preset: str, config: Path | 
         name = "trajectory.csv" if len(simulation.flights) == 1 else f"trajectory-{flight.log.vehicle_id}.csv"
         flight.log.write_csv(folder / name)
     write_map(voxels, folder)
-    with Journal.open(folder / "map.journal", Header.of(settings.mapping)) as journal:
+    with Journal.open(folder / JOURNAL_NAME, Header.of(settings.mapping)) as journal:
         for piece in voxels.pieces():
             journal.append(piece)
         journal.commit()

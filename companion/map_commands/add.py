@@ -14,9 +14,9 @@ import typer
 from companion.config.mapping import MapSettings
 from companion.errors import InputError
 from companion.map_commands.progress import Progress
-from companion.map_commands.sources import JOURNAL_SUFFIX, map_at, opened, refuse_target, write_errors
+from companion.map_commands.sources import map_at, opened, refuse_target, write_errors
 from companion.mapping.files import write
-from companion.mapping.journal import Header, Journal, JournalError
+from companion.mapping.journal import JOURNAL_SUFFIX, Header, Journal, JournalError
 from companion.mapping.journal.lock import lock
 from companion.mapping.merge import IndexedMap, MergedMap
 from companion.mapping.piece import MapSource

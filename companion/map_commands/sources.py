@@ -9,11 +9,8 @@ from pathlib import Path
 
 from companion.errors import CompanionError, InputError
 from companion.mapping.files import open_map
-from companion.mapping.journal import Journal
+from companion.mapping.journal import JOURNAL_NAME, JOURNAL_SUFFIX, Journal
 from companion.mapping.piece import MapSource
-
-JOURNAL_SUFFIX = ".journal"
-JOURNAL_NAME = f"map{JOURNAL_SUFFIX}"
 
 
 class MapCommandError(CompanionError):

@@ -86,11 +86,17 @@ def mark_hits(depth_m: NDArray[np.float32], rays: Rays, box: Box) -> Marks:
         clear += row_clear
         if row_hit:
             if bits.shape[0] < used + min(row_hit, slots.shape[0] - used):
-                more = np.zeros((2 * bits.shape[0], WORDS), np.uint64)
-                more[:used] = bits[:used]
-                bits = more
+                bits = doubled(bits)
             used = _set_bits(room, v, _pick(room, v), places, slots, bits, used)
     return Marks(slots, bits, np.array([hit, clear, height * width - hit - clear], np.int64))
+
+
+@njit(cache=True, nogil=True)
+def doubled(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """The same bits (n, 64) with room for as many again, all zero."""
+    more = np.zeros((2 * bits.shape[0], WORDS), np.uint64)
+    more[: bits.shape[0]] = bits
+    return more
 
 
 @njit(cache=True, nogil=True)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from companion.geometry import rotation
 from companion.mapping.brick import CHANGED, HITS, LOWERED, compared, lower, raise_, spread
 from companion.mapping.chunks import BRICK, MASK, SHIFT, WORDS, place_of
+from companion.mapping.marks import doubled
 from companion.mapping.sensor_model import Steps
 from companion.mapping.store import Table, find_row, has_room, keep_row, load_brick, next_row, store_brick
 from companion.mapping.view import Box, box_of
@@ -104,7 +105,7 @@ def pass_beams(beams: Beams, box: Box) -> Passed:
                 slot, used = np.int32(used), used + 1
                 slots[chunk] = slot
                 if used > hits.shape[0]:
-                    hits, seen = _doubled(hits), _doubled(seen)
+                    hits, seen = doubled(hits), doubled(seen)
             place = place_of(at[0] & MASK, at[1] & MASK, at[2] & MASK)
             bit = np.uint64(1) << np.uint64(place & 63)
             if border < borders:
@@ -119,13 +120,6 @@ def pass_beams(beams: Beams, box: Box) -> Passed:
             at[axis] += step[axis]
             next_t[axis] += per_voxel[axis]
     return Passed(slots, hits, seen)
-
-
-@njit(cache=True, nogil=True)
-def _doubled(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    more = np.zeros((2 * bits.shape[0], WORDS), np.uint64)
-    more[: bits.shape[0]] = bits
-    return more
 
 
 @njit(cache=True, nogil=True)

@@ -16,12 +16,11 @@ import pytest
 from companion.config.mapping import MapSettings
 from companion.errors import InputError
 from companion.mapping import VoxelMap
-from companion.mapping.journal import Journal
+from companion.mapping.journal import JOURNAL_NAME, Journal
 from companion.mapping.piece import MapSource
 from companion.mapping.process import worker
 from companion.mapping.process.journal_thread import PatientJournal
 from companion.mapping.process.kept_map import BYTES_PER_MB, KeptMap
-from companion.mapping.process.saving import JOURNAL_NAME
 from companion.mapping.process.worker import MapError
 from companion.model import DepthFrame
 from tests.mapping import scenes

@@ -11,4 +11,8 @@ from companion.mapping.journal.header import Header, JournalError
 from companion.mapping.journal.log import Loss
 from companion.mapping.journal.store import Journal
 
-__all__ = ["Header", "Journal", "JournalError", "Loss"]
+JOURNAL_SUFFIX = ".journal"
+JOURNAL_NAME = f"map{JOURNAL_SUFFIX}"
+"""Where a mission's folder keeps its map."""
+
+__all__ = ["JOURNAL_NAME", "JOURNAL_SUFFIX", "Header", "Journal", "JournalError", "Loss"]

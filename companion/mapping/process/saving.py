@@ -13,17 +13,12 @@ from multiprocessing.context import SpawnContext
 from pathlib import Path
 
 from companion.errors import CompanionError
-from companion.mapping.process.start import ignore_ctrl_c, start
+from companion.mapping.journal import JOURNAL_NAME, Journal
+from companion.mapping.process.start import FILES_NICENESS, ignore_ctrl_c, start
 from companion.mapping.process.status import MapError
-
-JOURNAL_NAME = "map.journal"
-"""Where a mission's folder keeps its map."""
 
 SAVE_TIMEOUT_S = 600.0
 """A large map on a slow card takes minutes; one that hangs must not keep the application for ever."""
-
-NICENESS = 10
-"""The files yield to the control tick, and to the map."""
 
 Written = tuple[Path, ...] | str
 """Where the files are, or why they are not."""
@@ -67,14 +62,13 @@ async def write_files(context: SpawnContext, folder: Path) -> list[Path]:
 
 def _serve(pipe: Connection[Written, None], folder: Path) -> None:
     ignore_ctrl_c()
-    os.nice(NICENESS)
+    os.nice(FILES_NICENESS)
     pipe.send(_written(folder))
 
 
 def _written(folder: Path) -> Written:
     # Loaded here and not there: the file formats are of no use to the application.
     from companion.mapping.files import write_map
-    from companion.mapping.journal import Journal
 
     try:
         with Journal.read_only(folder / JOURNAL_NAME) as journal:

@@ -34,7 +34,7 @@ from companion.mapping.process.messages import (
     ToMap,
 )
 from companion.mapping.process.slots import SlotRing
-from companion.mapping.process.start import ignore_ctrl_c
+from companion.mapping.process.start import MAP_NICENESS, ignore_ctrl_c
 from companion.mapping.process.waiting import Waiting
 from companion.mapping.queries.frontier import Judge, Reach, Survey
 from companion.mapping.queries.surveyor import Surveyor
@@ -48,9 +48,6 @@ LOOK_PERIOD_S = 0.1
 
 SURVEY_SHARE = 0.25
 """Frontiers are looked for during this share of the time at most, however large the mine has grown."""
-
-NICENESS = 15
-"""The map yields to the control tick: beside a process of niceness 0 it gets 3 % of a processor that both want."""
 
 MOST_PLACES = 10_000
 """Places flown through since the last look for frontiers: of more than these the oldest are left out."""
@@ -75,7 +72,7 @@ def serve(
 ) -> None:
     """Be the map until told to stop, or until the other end of the pipe is gone."""
     ignore_ctrl_c()
-    os.nice(NICENESS)
+    os.nice(MAP_NICENESS)
     try:
         kept_map = KeptMap(settings, journal)
     except CompanionError as error:

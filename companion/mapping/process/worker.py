@@ -23,6 +23,7 @@ from companion.clock import Clock, MonotonicClock
 from companion.config.control import ControlSettings
 from companion.config.mapping import MapSettings
 from companion.errors import InputError
+from companion.mapping.journal import JOURNAL_NAME
 from companion.mapping.process.messages import (
     Failed,
     FromMap,
@@ -37,7 +38,7 @@ from companion.mapping.process.messages import (
     Taken,
     ToMap,
 )
-from companion.mapping.process.saving import JOURNAL_NAME, SAVE_TIMEOUT_S, write_files
+from companion.mapping.process.saving import SAVE_TIMEOUT_S, write_files
 from companion.mapping.process.slots import SlotRing
 from companion.mapping.process.start import start
 from companion.mapping.process.status import MapError, MapStatus
