@@ -132,7 +132,7 @@ class _Flight:
         async with AsyncExitStack() as stack:
             recorder = stack.enter_context(Recorder(folder / "flight.mcap", settings.record, info, session.clock))
             self._gate.recorder = recorder
-            self._say("starting the map (the first start on a computer compiles it, about a minute)")
+            self._say("starting the map (the first start on a computer compiles it: a minute, on a small one several)")
             map_folder = self._resume_map or folder
             mapper = await stack.enter_async_context(self._mapper(map_folder))
             if self._resume_map is not None:

@@ -19,7 +19,7 @@ import pytest
 from companion.config.mapping import MapSettings
 from companion.errors import CompanionError
 from companion.mapping import VoxelMap
-from companion.mapping.process import serve, worker
+from companion.mapping.process import child, serve
 from companion.mapping.process.kept_map import KeptMap
 from companion.mapping.process.messages import OfferedFrame
 from companion.mapping.process.worker import MapError
@@ -92,7 +92,7 @@ def test_a_slow_map_drops_images_and_holds_nobody_up() -> None:
 
 def test_a_process_that_is_stopped_is_ended_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     """It hears nothing, so it is killed: the application must end."""
-    monkeypatch.setattr(worker, "END_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(child, "END_TIMEOUT_S", 0.2)
 
     async def fly() -> int:
         async with mapper() as maps:
@@ -106,8 +106,8 @@ def test_a_process_that_is_stopped_is_ended_all_the_same(monkeypatch: pytest.Mon
 @pytest.mark.long
 def test_a_killed_process_without_a_folder_comes_back_empty(monkeypatch: pytest.MonkeyPatch) -> None:
     """Protects from a status that calls a map whole which is gone; and the death after the last restart is the last."""
-    monkeypatch.setattr(worker, "REST_S", 0.05)
-    monkeypatch.setattr(worker, "RESTARTS", 1)
+    monkeypatch.setattr(child, "REST_S", 0.05)
+    monkeypatch.setattr(child, "RESTARTS", 1)
 
     async def fly() -> None:
         async with mapper() as maps:
@@ -250,13 +250,13 @@ def test_the_map_ends_with_a_killed_application(tmp_path: Path) -> None:
 
 def test_a_process_that_cannot_start_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """A map that never gets ready must not keep the vehicle waiting for ever."""
-    monkeypatch.setattr(worker, "START_TIMEOUT_S", 0.01)
+    monkeypatch.setattr(child, "SILENT_TIMEOUT_S", 0.01)
 
     async def fly() -> None:
         async with mapper():
             pytest.fail("not ready in 10 ms")
 
-    with pytest.raises(MapError, match="does not get ready"):
+    with pytest.raises(MapError, match=r"does not get ready: it has been loading for 0\.01 s; .* companion\.warm_up"):
         asyncio.run(fly())
 
 

@@ -18,7 +18,7 @@ from companion.errors import InputError
 from companion.mapping import VoxelMap
 from companion.mapping.journal import JOURNAL_NAME, Journal
 from companion.mapping.piece import MapSource
-from companion.mapping.process import worker
+from companion.mapping.process import child
 from companion.mapping.process.journal_thread import PatientJournal
 from companion.mapping.process.kept_map import BYTES_PER_MB, KeptMap
 from companion.mapping.process.worker import MapError
@@ -53,7 +53,7 @@ def kept(folder: Path) -> dict[tuple[int, ...], bytes]:
 
 def test_a_killed_process_goes_on_with_its_journal(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Protects the map from the death of its process, at rest and while it writes: little is lost, and counted."""
-    monkeypatch.setattr(worker, "REST_S", 0.01)
+    monkeypatch.setattr(child, "REST_S", 0.01)
     settings = MapSettings(journal_period_s=0.1)
     frames = images(16)
 
@@ -124,7 +124,7 @@ def test_a_full_disk_is_told_and_what_was_missed_is_written_later(
 @pytest.mark.long
 def test_files_are_written_beside_the_map(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Protects images that come while a map is saved, and the map when a file fails or its process is dead."""
-    monkeypatch.setattr(worker, "RESTARTS", 0)
+    monkeypatch.setattr(child, "RESTARTS", 0)
     frames = images(9)
 
     async def fly() -> list[Path]:

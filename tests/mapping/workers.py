@@ -55,9 +55,9 @@ async def give(maps: MapWorker, frames: list[DepthFrame]) -> None:
 
 
 def child_of(maps: MapWorker) -> int:
-    assert maps._process is not None
-    assert maps._process.pid is not None
-    return maps._process.pid
+    pid = maps._child.pid
+    assert pid is not None
+    return pid
 
 
 def gone(pid: int) -> bool:

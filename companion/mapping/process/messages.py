@@ -43,6 +43,13 @@ class Stop:
 
 
 @dataclass(frozen=True, slots=True)
+class Preparing:
+    """From the map, before it is ready: it goes on, and what it is at."""
+
+    what: str
+
+
+@dataclass(frozen=True, slots=True)
 class Ready:
     """From the map: everything is loaded and compiled.
 
@@ -102,4 +109,4 @@ class Kept:
 
 Offered = OfferedFrame | OfferedScan
 ToMap = Offered | Keep | Stop
-FromMap = Ready | Failed | Taken | Report | Kept
+FromMap = Preparing | Ready | Failed | Taken | Report | Kept

@@ -8,7 +8,7 @@ import os
 import tempfile
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -27,6 +27,7 @@ from companion.mapping.process.messages import (
     Offered,
     OfferedFrame,
     OfferedScan,
+    Preparing,
     Ready,
     Report,
     Stop,
@@ -81,7 +82,7 @@ def serve(
     # When the application is gone the map is still kept.
     with kept_map, suppress(EOFError, BrokenPipeError, ConnectionResetError):
         try:
-            compile_ahead(settings, cameras, reach)
+            compile_ahead(settings, cameras, reach, lambda what: pipe.send(Preparing(what)))
         except (OSError, CompanionError) as error:
             # A full disk must not keep the map from being started again in flight.
             _log.warning("nothing of the map is compiled ahead, the first images may be late: %s", error)
@@ -91,18 +92,30 @@ def serve(
             pass
 
 
-def compile_ahead(settings: MapSettings, cameras: Sequence[Camera], reach: Reach) -> None:
-    """Put an image of each camera, and a scan, into a map that is thrown away: the first one would take seconds."""
+def compile_ahead(
+    settings: MapSettings, cameras: Sequence[Camera], reach: Reach, tell: Callable[[str], None] = lambda _: None
+) -> None:
+    """Put an image of each camera, and a scan, into a map that is thrown away: the first one would take seconds.
+
+    Args:
+        settings: of the map.
+        cameras: that will take the images.
+        reach: what the vehicle can do.
+        tell: is given what comes next.
+    """
     pose = Pose(0.0, 0.0, 0.0, reach.height_m, 0.0)
     with tempfile.TemporaryDirectory() as folder:
         with KeptMap(settings, Path(folder) / "map") as scratch:
+            tell("compiling what puts images into the map")
             for camera in cameras:
                 depth_m = np.full((camera.height_px, camera.width_px), camera.max_range_m / 2.0, np.float32)
                 scratch.integrate(DepthFrame(0.0, depth_m, camera, pose))
+            tell("compiling what puts scans into the map")
             bearings_rad = np.linspace(-math.pi, math.pi, 90, endpoint=False)
             scratch.integrate_scan(PlanarScan(0.0, bearings_rad, np.full(90, 2.0), 4.0, pose))
         # From the journal, as after a restart.
         with KeptMap(settings, Path(folder) / "map") as scratch:
+            tell("compiling what looks for frontiers")
             surveyor = _surveyor(scratch, reach)
             surveyor.update(scratch.snapshot())
             surveyor.flew(np.array([[0.0, 0.0, reach.height_m]]))

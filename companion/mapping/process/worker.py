@@ -12,7 +12,6 @@ import math
 from collections.abc import Sequence
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -24,8 +23,8 @@ from companion.config.control import ControlSettings
 from companion.config.mapping import MapSettings
 from companion.errors import InputError
 from companion.mapping.journal import JOURNAL_NAME
+from companion.mapping.process.child import MapProcess
 from companion.mapping.process.messages import (
-    Failed,
     FromMap,
     Keep,
     Kept,
@@ -34,28 +33,15 @@ from companion.mapping.process.messages import (
     OfferedScan,
     Ready,
     Report,
-    Stop,
     Taken,
     ToMap,
 )
 from companion.mapping.process.saving import SAVE_TIMEOUT_S, write_files
 from companion.mapping.process.slots import SlotRing
-from companion.mapping.process.start import start
 from companion.mapping.process.status import MapError, MapStatus
 from companion.mapping.process.tally import Tally
 from companion.mapping.queries.frontier import Reach
 from companion.model import Camera, DepthFrame, PlanarScan
-
-START_TIMEOUT_S = 180.0
-"""The first start on a computer compiles everything, which takes a small one minutes."""
-
-RESTARTS = 3
-"""A process that dies this often dies of something that another start does not mend."""
-
-REST_S = 1.0
-
-END_TIMEOUT_S = 10.0
-"""Time to put the last second on the disk."""
 
 STALE_S = 5.0
 """A process that has been silent for this long does not say any more that the map is complete."""
@@ -71,7 +57,7 @@ class MapWorker:
     """A map in another process; an asynchronous context manager.
 
     With a folder, the map is kept in ``map.journal`` there. When the process dies (killed, out of memory) it is started
-    again, `RESTARTS` times at most, **and goes on with what the journal holds**: all but the last second, which
+    again, three times at most, **and goes on with what the journal holds**: all but the last second, which
     `MapStatus.lost` counts. Without a folder it begins anew, empty. A process that hangs is not replaced: the age of
     its status grows. It ignores Ctrl-C and ends when the application does, however that ends.
 
@@ -109,58 +95,40 @@ class MapWorker:
         self._context = get_context("spawn")
         rings = [SlotRing(self._context, (camera.height_px, camera.width_px), np.float32) for camera in cameras]
         self._rings = (*rings, SlotRing(self._context, (2, MOST_RAYS), np.float64))
-        self._process: SpawnProcess | None = None
-        self._pipe: Connection[ToMap, FromMap] | None = None
-        self._task: asyncio.Task[None] | None = None
-        self._closing = asyncio.Event()
-        self._ready = asyncio.Event()
-        self._gone = asyncio.Event()
+        journal = None if folder is None else folder / JOURNAL_NAME
+        arguments = (self._rings, settings, self._cameras, self._reach, journal)
+        self._child = MapProcess(self._context, _serve, arguments, self._take, self._died)
         self._saving = asyncio.Lock()
         self._keeps = 0
         self._kept: asyncio.Future[Kept] | None = None
         self._report = Report()
         self._tally = Tally()
         self._heard_s = -math.inf
-        self._restarts = self._resumed_chunks = 0
-        self._why = ""
+        self._resumed_chunks = 0
 
     async def __aenter__(self) -> Self:
         """Start the process and wait until it has loaded and compiled everything, and read the journal.
 
         Raises:
-            MapError: it ended at once, or is not ready in `START_TIMEOUT_S`, or cannot use the journal.
+            MapError: it ended at once, or does not get ready, or cannot use the journal.
             InputError: `check_folder`.
         """
         check_folder(self._folder, self._resume)
-        self._task = asyncio.create_task(self._keep_running())
-        ready = asyncio.create_task(self._ready.wait())
-        gone = asyncio.create_task(self._gone.wait())
-        try:
-            await asyncio.wait({self._task, ready, gone}, timeout=START_TIMEOUT_S, return_when=asyncio.FIRST_COMPLETED)
-            if not self._ready.is_set():
-                why = "ended at once" if self._gone.is_set() or self._task.done() else "does not get ready"
-                text = f"the process of the map {why}; its own message, if it had one, stands above"
-                raise MapError(self._why or text)
-        except BaseException:
-            await self._close()
-            raise
-        finally:
-            ready.cancel()
-            gone.cancel()
+        await self._child.begin()
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         """End the process. What it knows is in the journal then."""
-        await self._close()
+        await self._child.close()
 
     @property
     def status(self) -> MapStatus:
         """How the map stands, as it last said. Costs nothing."""
         report, tally = self._report, self._tally
         age_s = self._clock.now_s() - self._heard_s
-        alive = self._ready.is_set()
+        alive = self._child.is_ready
         return MapStatus(
             frames=tally.in_map("frames"),
             dropped=tally.dropped,
@@ -172,7 +140,7 @@ class MapWorker:
             survey_s=report.survey_s,
             age_s=age_s,
             alive=alive,
-            restarts=self._restarts,
+            restarts=self._child.restarts,
             scans=tally.in_map("scans"),
             lost=tally.lost,
             resumed_chunks=self._resumed_chunks,
@@ -180,7 +148,7 @@ class MapWorker:
             chunks=report.chunks,
             memory_bytes=report.memory_bytes,
             journal_bytes=report.journal_bytes,
-            problem=report.problem if alive else self._why or "the process of the map does not run",
+            problem=report.problem if alive else self._child.why or "the process of the map does not run",
         )
 
     def offer(self, frame: DepthFrame, source: int = 0) -> bool:
@@ -240,7 +208,7 @@ class MapWorker:
         self._keeps += 1
         self._kept = asyncio.get_running_loop().create_future()
         try:
-            if not self._ready.is_set() or not self._tell(Keep(self._keeps)):
+            if not self._child.is_ready or not self._child.tell(Keep(self._keeps)):
                 _log.error("the process of the map does not run: what it kept before is written")
                 return
             kept = await asyncio.wait_for(self._kept, SAVE_TIMEOUT_S)
@@ -253,77 +221,16 @@ class MapWorker:
 
     def _slot(self, source: int) -> int | None:
         """Room for a reading, or None, which is counted."""
-        slot = self._rings[source].take() if self._ready.is_set() else None
+        slot = self._rings[source].take() if self._child.is_ready else None
         self._tally.dropped += slot is None
         return slot
 
     def _offer(self, offered: Offered) -> bool:
-        told = self._tell(offered)
+        told = self._child.tell(offered)
         if not told:
             self._tally.dropped += 1
             self._rings[offered.source].give_back(offered.slot)
         return told
-
-    async def _keep_running(self) -> None:
-        while True:
-            try:
-                await self._run_once()
-            except OSError as error:
-                _log.error("the process of the map cannot be started: %s", error.strerror)
-            self._forget()
-            if self._closing.is_set() or self._restarts == RESTARTS:
-                return
-            try:
-                await asyncio.wait_for(self._closing.wait(), REST_S)
-            except TimeoutError:
-                self._restarts += 1
-            else:
-                return
-
-    async def _run_once(self) -> None:
-        """Start the process, hear it, and return when it is gone."""
-        self._gone.clear()
-        self._pipe, theirs = self._context.Pipe()
-        journal = None if self._folder is None else self._folder / JOURNAL_NAME
-        arguments = (theirs, self._rings, self._settings, self._cameras, self._reach, journal)
-        process = self._context.Process(target=_serve, args=arguments, name="map", daemon=True)
-        try:
-            # In a thread: starting takes tens of milliseconds.
-            await asyncio.to_thread(start, process)
-        finally:
-            theirs.close()
-        self._process = process
-        loop = asyncio.get_running_loop()
-        loop.add_reader(self._pipe.fileno(), self._hear)
-        try:
-            if self._closing.is_set():
-                process.kill()
-            await self._gone.wait()
-        finally:
-            loop.remove_reader(self._pipe.fileno())
-            self._pipe.close()
-            self._pipe = None
-            await asyncio.to_thread(process.join, END_TIMEOUT_S)
-            process.kill()
-            await asyncio.to_thread(process.join)
-            lost = self._tally.died(sum(ring.in_use for ring in self._rings))
-            if not self._closing.is_set():
-                _log.error("the process of the map died (exit code %s): %d images are lost", process.exitcode, lost)
-            self._process = None
-            process.close()
-
-    def _hear(self) -> None:
-        """Take what the process said; called when there is something to read, or the process is gone."""
-        pipe = self._pipe
-        if pipe is None:
-            return
-        try:
-            while pipe.poll():
-                self._take(pipe.recv())
-        except (EOFError, OSError):
-            asyncio.get_running_loop().remove_reader(pipe.fileno())
-            self._ready.clear()
-            self._gone.set()
 
     def _take(self, message: FromMap) -> None:
         self._heard_s = self._clock.now_s()
@@ -341,9 +248,6 @@ class MapWorker:
                     self._kept.set_result(message)
             case Ready(resumed_chunks):
                 self._resumed_chunks = resumed_chunks
-                self._ready.set()
-            case Failed(why):
-                self._why = why
 
     def _hear_report(self, report: Report) -> None:
         if report.problem != self._report.problem:
@@ -354,36 +258,15 @@ class MapWorker:
         self._report = report
         self._tally.kept(report.kept_frames, report.kept_scans)
 
-    def _tell(self, message: ToMap) -> bool:
-        """Send a message; false when the process is gone. There are never so many that the pipe could be full."""
-        if self._pipe is None:
-            return False
-        try:
-            self._pipe.send(message)
-        except OSError:
-            return False
-        return True
-
-    def _forget(self) -> None:
-        self._ready.clear()
+    def _died(self) -> int:
+        """Forget what only the process had; how many readings are lost with it."""
+        lost = self._tally.died(sum(ring.in_use for ring in self._rings))
         for ring in self._rings:
             ring.give_back_all()
         self._report = Report(problem=self._report.problem)
         if self._kept is not None and not self._kept.done():
             self._kept.set_exception(MapError("the process of the map died before the map was kept"))
-
-    async def _close(self) -> None:
-        task = self._task
-        if task is None:
-            return
-        self._closing.set()
-        try:
-            self._tell(Stop())
-            await asyncio.wait({task}, timeout=END_TIMEOUT_S)
-        finally:
-            if not task.done() and self._process is not None:
-                self._process.kill()
-            await task
+        return lost
 
 
 def check_folder(folder: Path | None, resume: bool) -> None:

@@ -1,0 +1,192 @@
+"""The process of the map as the application sees it: started, told, heard, started again when it dies, and ended."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnContext, SpawnProcess
+from typing import Any
+
+from companion.mapping.process.messages import Failed, FromMap, Preparing, Ready, Stop, ToMap
+from companion.mapping.process.start import start
+from companion.mapping.process.status import MapError
+
+SILENT_TIMEOUT_S = 300.0
+"""The first start on a computer compiles everything, which takes a small one minutes; it says what it is at."""
+
+RESTARTS = 3
+"""A process that dies this often dies of something that another start does not mend."""
+
+REST_S = 1.0
+
+END_TIMEOUT_S = 10.0
+"""Time to put the last second on the disk."""
+
+_log = logging.getLogger(__name__)
+
+
+class MapProcess:
+    """Keeps the process of the map running: when it dies it is started again, `RESTARTS` times at most.
+
+    One that hangs is not replaced.
+
+    Args:
+        context: that starts processes.
+        target: what it runs, with its end of the pipe before the arguments.
+        arguments: the others.
+        hear: is given each message.
+        died: is called each time that it is gone; how many readings are lost with it.
+
+    Attributes:
+        restarts: so far.
+        why: it could not begin, by its own word.
+    """
+
+    def __init__(
+        self,
+        context: SpawnContext,
+        target: Callable[..., None],
+        arguments: tuple[Any, ...],
+        hear: Callable[[FromMap], None],
+        died: Callable[[], int],
+    ) -> None:
+        self._context = context
+        self._target = target
+        self._arguments = arguments
+        self._take = hear
+        self._died = died
+        self._process: SpawnProcess | None = None
+        self._pipe: Connection[ToMap, FromMap] | None = None
+        self._task: asyncio.Task[None] | None = None
+        self._closing = asyncio.Event()
+        self._gone = asyncio.Event()
+        self._news = asyncio.Event()
+        self._stage = "loading"
+        self.is_ready = False
+        self.restarts = 0
+        self.why = ""
+
+    @property
+    def pid(self) -> int | None:
+        """Of the process that runs now."""
+        return None if self._process is None else self._process.pid
+
+    async def begin(self) -> None:
+        """Start the process and wait until it is ready.
+
+        Raises:
+            MapError: it ended at once, or cannot begin, or was silent for `SILENT_TIMEOUT_S`.
+        """
+        task = self._task = asyncio.create_task(self._keep_running())
+        task.add_done_callback(lambda _: self._news.set())
+        try:
+            while not self.is_ready:
+                if self._gone.is_set() or task.done():
+                    text = "the process of the map ended at once; its own message, if it had one, stands above"
+                    raise MapError(self.why or text)
+                self._news.clear()
+                await asyncio.wait_for(self._news.wait(), SILENT_TIMEOUT_S)
+        except TimeoutError:
+            stage = self._stage
+            await self.close()
+            raise MapError(
+                f"the process of the map does not get ready: it has been {stage} for {SILENT_TIMEOUT_S:g} s; on "
+                "a small computer compile everything once, before the flight, with: python -m companion.warm_up"
+            ) from None
+        except BaseException:
+            await self.close()
+            raise
+
+    def tell(self, message: ToMap) -> bool:
+        """Send a message; false when the process is gone. There are never so many that the pipe could be full."""
+        if self._pipe is None:
+            return False
+        try:
+            self._pipe.send(message)
+        except OSError:
+            return False
+        return True
+
+    async def close(self) -> None:
+        """Have the process end, and wait for that."""
+        task = self._task
+        if task is None:
+            return
+        self._closing.set()
+        try:
+            self.tell(Stop())
+            await asyncio.wait({task}, timeout=END_TIMEOUT_S)
+        finally:
+            if not task.done() and self._process is not None:
+                self._process.kill()
+            await task
+
+    async def _keep_running(self) -> None:
+        while True:
+            try:
+                await self._run_once()
+            except OSError as error:
+                _log.error("the process of the map cannot be started: %s", error.strerror)
+            if self._closing.is_set() or self.restarts == RESTARTS:
+                return
+            try:
+                await asyncio.wait_for(self._closing.wait(), REST_S)
+            except TimeoutError:
+                self.restarts += 1
+            else:
+                return
+
+    async def _run_once(self) -> None:
+        """Start the process, hear it, and return when it is gone."""
+        self._gone.clear()
+        self._pipe, theirs = self._context.Pipe()
+        process = self._context.Process(target=self._target, args=(theirs, *self._arguments), name="map", daemon=True)
+        try:
+            # In a thread: starting takes tens of milliseconds.
+            await asyncio.to_thread(start, process)
+        finally:
+            theirs.close()
+        self._process = process
+        loop = asyncio.get_running_loop()
+        loop.add_reader(self._pipe.fileno(), self._hear)
+        try:
+            if self._closing.is_set():
+                process.kill()
+            await self._gone.wait()
+        finally:
+            loop.remove_reader(self._pipe.fileno())
+            self._pipe.close()
+            self._pipe = None
+            await asyncio.to_thread(process.join, END_TIMEOUT_S)
+            process.kill()
+            await asyncio.to_thread(process.join)
+            lost = self._died()
+            if not self._closing.is_set():
+                _log.error("the process of the map died (exit code %s): %d images are lost", process.exitcode, lost)
+            self._process = None
+            process.close()
+
+    def _hear(self) -> None:
+        """Take what the process said; called when there is something to read, or the process is gone."""
+        pipe = self._pipe
+        if pipe is None:
+            return
+        try:
+            while pipe.poll():
+                message = pipe.recv()
+                match message:
+                    case Preparing(what):
+                        self._stage = what
+                    case Failed(why):
+                        self.why = why
+                    case Ready():
+                        self.is_ready = True
+                self._news.set()
+                self._take(message)
+        except (EOFError, OSError):
+            asyncio.get_running_loop().remove_reader(pipe.fileno())
+            self.is_ready = False
+            self._gone.set()
+            self._news.set()
