@@ -7,6 +7,9 @@ Real time and the real parts: autopilot (stub), world, safety gate and applicati
 flight has the same camera and the same voxels, 640 x 480 at 30 Hz and 0.05 m by default; only the map differs:
 
 - ``off``: no process of the map, no image is handed to anybody.
+- ``busy``: the same, with a process beside it that has the map's priority and only computes. What that does to the
+  control, this computer does whatever it is kept busy with: a virtual machine whose processors are all in use is given
+  fewer of them.
 - ``camera``: as it is flown. A tick hands over the image that it has seen: 20 a second at most.
 - ``full``: besides, whenever the map has a free place for an image, looked at every 5 ms, it gets the newest one again,
   turned by up to 0.3 rad, so that there is always new space to map. Its process is hardly ever idle, and each of these
@@ -14,203 +17,82 @@ flight has the same camera and the same voxels, 640 x 480 at 30 Hz and 0.05 m by
 
 The gap between setpoints is that of the application's SET_POSITION_TARGET_LOCAL_NED as they leave the gate, stamped by
 the kernel when they arrive at the autopilot's end. What the gate itself says when the application is late does not
-count, and stands under ``by gate``. Ticks are those of the recording, which is made without depth images: a disk is
-another matter. ``offer`` is how long the event loop is held up by handing one image over. Processor time is that of
-each process over the measured time, 100 % being one core; ``all`` is that of the whole computer, this bench and other
-people included. On a vehicle's computer there is neither world nor autopilot: here they run before all others, when
-the user may do so.
+count, and stands under ``by gate``; when the gate had to stop the vehicle for it, which takes a second at least, that
+is a gap too, and counted under ``braked``. ``stolen`` is what the host took of the processors of a virtual machine, and
+``waited`` for how long a thread of the application was ready and was given none, both in % of the time. Ticks are those
+of the recording, which is made without depth images: a disk is another matter. ``offer`` is how long the event loop is
+held up by handing one image over. Processor time is that of each process over the measured time, 100 % being one core;
+``all`` is that of the whole computer, this bench and other people included. On a vehicle's computer there is neither
+world nor autopilot: here they run before all others, when the user may do so.
 
 The figures mean something only when the computer has nothing else to do. Compare within one run.
 """
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import dataclasses
 import json
 import os
-import select
 import signal
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
 
 import numpy as np
 
 from bench.gate import Usage
-from bench.gate_child import received, timed_socket
+from bench.map_load_child import MAP, MAPS, OFFERS
 from bench.table import Row, parser, show, write
-from companion import app, flight_process
-from companion.background import background
+from bench.wire import Wire
 from companion.config.load import load_settings
 from companion.errors import CompanionError
 from companion.figures import figures
 from companion.gate_plan import to_plan
 from companion.handover import module, sealed
-from companion.mapping.process.status import MapStatus
-from companion.mapping.process.worker import MapWorker
-from companion.model import DepthFrame
-from companion.safety.mavlink import Framer
 from sitl.together.crew import Crew, FlightPlan, environment, free_udp_ports
 
-MAPS = ("off", "camera", "full")
-SETPOINT = 84
-"""SET_POSITION_TARGET_LOCAL_NED."""
-FEED_PERIOD_S, FEED_TURN_RAD = 0.005, 0.3
 SETTLE_S = 3.0
 """After the words "exploring": the last of the take-off does not count."""
 START_S = 600.0
 HARDWARE_NICENESS = -10
 APART = ("gap p50, ms", "gap p99, ms", "gap worst, ms", "tick p50, ms", "tick p99, ms", "tick worst, ms")
+OFFER = ("offer p50, ms", "offer worst, ms")
 USED = ("application, %", "map, %", "gate, %", "world, %", "autopilot, %", "all, %")
-COLUMNS = ("map", "flight", "setpoints", "by gate", *APART, "images/s", "offer p50, ms", "offer worst, ms", *USED)
+HOST = ("waited, %", "stolen, %")
+COLUMNS = ("map", "flight", "setpoints", "by gate", "braked", *APART, *HOST, "images/s", *OFFER, *USED)
 
 
-class OfferedMap(MapWorker):
-    """The map of the application as it is, with a stopwatch on `offer`."""
-
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        super().__init__(*arguments, **options)
-        self.took_s: list[float] = []
-
-    def offer(self, frame: DepthFrame, source: int = 0) -> bool:
-        """As of the base, timed where the image was taken."""
-        began_s = time.perf_counter()
-        taken = super().offer(frame, source)
-        if taken:
-            self.took_s.append(time.perf_counter() - began_s)
-        return taken
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        """As of the base; then the times go to the file that the environment names."""
-        await super().__aexit__(kind, error, traceback)
-        self._write()
-
-    def _write(self) -> None:
-        Path(os.environ[OFFERS]).write_text(json.dumps(self.took_s), encoding="ascii")
-
-
-class NoMap(OfferedMap):
-    """In its place: takes nothing, and is always well."""
-
-    async def __aenter__(self) -> Self:
-        """Nothing is started."""
-        return self
-
-    @property
-    def status(self) -> MapStatus:
-        """Of an empty map that has just been heard."""
-        return dataclasses.replace(super().status, age_s=0.0, alive=True, problem="")
-
-    def offer(self, frame: DepthFrame, source: int = 0) -> bool:  # noqa: ARG002 - as the map has it
-        """No."""
-        return False
-
-    async def save(self) -> list[Path]:
-        """There is nothing."""
-        return []
-
-
-class FullMap(OfferedMap):
-    """In its place: the same with more images than any camera gives."""
-
-    _newest: DepthFrame | None = None
-    _feeding: contextlib.AsyncExitStack
-
-    async def __aenter__(self) -> Self:
-        """Start the map, then feed it."""
-        await super().__aenter__()
-        self._feeding = contextlib.AsyncExitStack()
-        await self._feeding.enter_async_context(background(self._feed()))
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        """Stop feeding first."""
-        await self._feeding.aclose()
-        await super().__aexit__(kind, error, traceback)
-
-    def offer(self, frame: DepthFrame, source: int = 0) -> bool:
-        """And remember it."""
-        self._newest = frame
-        return super().offer(frame, source)
-
-    async def save(self) -> list[Path]:
-        """The images that follow would only be in the way."""
-        self._newest = None
-        await self._feeding.aclose()
-        return await super().save()
-
-    async def _feed(self) -> None:
-        rng = np.random.default_rng(1)
-        while True:
-            await asyncio.sleep(FEED_PERIOD_S)
-            newest, taken = self._newest, True
-            while newest is not None and taken:
-                turn_rad = float(rng.uniform(-FEED_TURN_RAD, FEED_TURN_RAD))
-                pose = dataclasses.replace(newest.pose, yaw_rad=newest.pose.yaw_rad + turn_rad)
-                taken = super().offer(dataclasses.replace(newest, pose=pose))
-
-
-OFFERS, MAP = "BENCH_MAP_LOAD_OFFERS", "BENCH_MAP_LOAD_MAP"
-"""In the environment of the application."""
-_CLASSES = {"off": NoMap, "camera": OfferedMap, "full": FullMap}
-
-
-class Wire:
-    """Between autopilot and gate: passes everything on, and stamps the setpoints.
+@dataclass(frozen=True, slots=True)
+class Host:
+    """What the kernel has counted so far, in s.
 
     Attributes:
-        port: where the autopilot sends.
-        setpoints: ns of arrival, and the MAVLink component that it is from.
+        used_s: of all processors by anybody.
+        stolen_s: of all processors by the host.
+        waited_s: of all threads of one process, ready to run.
     """
 
-    def __init__(self, gate_port: int) -> None:
-        self.setpoints: list[tuple[int, int]] = []
-        self._near, self._far = timed_socket(), timed_socket()
-        self.port: int = self._near.getsockname()[1]
-        self._gate = ("127.0.0.1", gate_port)
-        self._framer = Framer(datagram=True)
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="wire")
+    used_s: float
+    stolen_s: float
+    waited_s: float
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stop.set()
-        self._thread.join()
-        self._near.close()
-        self._far.close()
-
-    def _run(self) -> None:
-        autopilot: tuple[str, int] | None = None
-        while not self._stop.is_set():
-            select.select([self._near, self._far], [], [], 0.1)
-            while (found := received(self._near)) is not None:
-                data, _, autopilot = found
-                with contextlib.suppress(OSError):
-                    self._far.sendto(data, self._gate)
-            while (found := received(self._far)) is not None:
-                data, arrived_ns, _ = found
-                for frame in self._framer.frames(data):
-                    if frame.message_id == SETPOINT:
-                        self.setpoints.append((arrived_ns, frame.component_id))
-                if autopilot is not None:
-                    with contextlib.suppress(OSError):
-                        self._near.sendto(data, autopilot)
+    @classmethod
+    def now(cls, pid: int) -> Host:
+        """By the word of the kernel."""
+        first = Path("/proc/stat").read_text(encoding="ascii").splitlines()[0].split()[1:]
+        # The last two are parts of the first two.
+        user, nice, system, _, _, interrupt, soft, stolen = (int(ticks) for ticks in first[:8])
+        a_second = os.sysconf("SC_CLK_TCK")
+        tasks = Path(f"/proc/{pid}/task").iterdir()
+        waited_ns = [int((task / "schedstat").read_text(encoding="ascii").split()[1]) for task in tasks]
+        used = user + nice + system + interrupt + soft
+        return cls(used / a_second, stolen / a_second, sum(waited_ns) * 1e-9)
 
 
 def flight(which: str, number: int, arguments: Namespace, folder: Path) -> Row:
@@ -241,16 +123,18 @@ def flight(which: str, number: int, arguments: Namespace, folder: Path) -> Row:
         with crew, _application(crew, which, folder) as gate, _before_all_others():
             _wait_for(folder / "gate.log", gate, "\nexploring")
             time.sleep(SETTLE_S)
-            pids = {"gate": gate.pid, "application": _child(gate.pid, "flight_process", "map_load")}
+            pids = {"gate": gate.pid, "application": _child(gate.pid, "flight_process", "map_load_child")}
             pids["world"], pids["autopilot"] = (
                 _child(os.getpid(), "sitl\0world"),
                 _child(os.getpid(), "sitl\0autopilot"),
             )
             if which != "off":
                 pids["map"] = _child(pids["application"], "spawn_main")
-            begun_ns, before, all_before_s = time.monotonic_ns(), _used(pids), _all_s()
+            begun_ns, before, host_before = time.monotonic_ns(), _used(pids), Host.now(pids["application"])
+            braked_before = _braked(folder / "gate.log")
             time.sleep(arguments.seconds)
-            ended_ns, after, all_after_s = time.monotonic_ns(), _used(pids), _all_s()
+            braked_after = _braked(folder / "gate.log")
+            ended_ns, after, host_after = time.monotonic_ns(), _used(pids), Host.now(pids["application"])
             try:
                 gate.wait(START_S)
             except subprocess.TimeoutExpired:
@@ -271,6 +155,7 @@ def flight(which: str, number: int, arguments: Namespace, folder: Path) -> Row:
         "flight": number,
         "setpoints": len(gaps_ms) + 1,
         "by gate": len(arrived) - len(gaps_ms) - 1,
+        "braked": braked_after - braked_before,
         "gap p50, ms": float(np.percentile(gaps_ms, 50)),
         "gap p99, ms": float(np.percentile(gaps_ms, 99)),
         "gap worst, ms": float(gaps_ms.max()),
@@ -281,7 +166,9 @@ def flight(which: str, number: int, arguments: Namespace, folder: Path) -> Row:
         "offer p50, ms": float(np.percentile(offers_ms, 50)) if offers_ms.size else None,
         "offer worst, ms": float(offers_ms.max()) if offers_ms.size else None,
         **{f"{name}, %": 100.0 * (after[name].cpu_s - before[name].cpu_s) / past_s for name in pids},
-        "all, %": 100.0 * (all_after_s - all_before_s) / past_s,
+        "all, %": 100.0 * (host_after.used_s - host_before.used_s) / past_s,
+        "stolen, %": 100.0 * (host_after.stolen_s - host_before.stolen_s) / past_s,
+        "waited, %": 100.0 * (host_after.waited_s - host_before.waited_s) / past_s,
         "map, MB": after["map"].rss_mb if "map" in after else None,
     }
 
@@ -292,7 +179,7 @@ def _application(crew: Crew, which: str, folder: Path) -> Iterator[subprocess.Po
     settings = load_settings(crew.config)
     settings_fd = sealed("settings", settings.model_dump_json())
     words = ("run", "--settings-fd", str(settings_fd), "--preset", "flight", "--seed", str(crew.plan.seed), "--fix")
-    child = (*module("bench.map_load"), "--fly", *words)
+    child = (*module("bench.map_load_child"), *words)
     plan = dataclasses.replace(
         to_plan(settings, command=child, restart_command=child, inherit=(settings_fd,)), restarts=0
     )
@@ -348,14 +235,6 @@ def _used(pids: dict[str, int]) -> dict[str, Usage]:
     return {name: Usage.of(pid) for name, pid in pids.items()}
 
 
-def _all_s() -> float:
-    """Seconds of all cores that were used by anybody so far."""
-    first = Path("/proc/stat").read_text(encoding="ascii").splitlines()[0].split()[1:]
-    idle = int(first[3]) + int(first[4])
-    # The last two are parts of the first two.
-    return (sum(int(ticks) for ticks in first[:8]) - idle) / os.sysconf("SC_CLK_TCK")
-
-
 def _images_hz(folder: Path, engaged_s: float | None) -> float | None:
     """Images that the map has put in, by its own count, a second of the flight."""
     summary = json.loads(next(folder.glob("*/summary.json")).read_text(encoding="utf-8"))
@@ -370,13 +249,19 @@ def _wait_for(log: Path, process: subprocess.Popen[bytes], words: str) -> None:
         time.sleep(0.05)
 
 
+def _braked(log: Path) -> int:
+    """How often the gate has stopped the vehicle so far; with the time of day, for it says each thing twice."""
+    lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
+    return sum(line[:1].isdigit() and " gate: brake:" in line for line in lines)
+
+
 def _words(log: Path) -> str:
     return log.read_text(encoding="utf-8", errors="replace")[-1500:]
 
 
 def summary(which: str, rows: Sequence[Row], base: Sequence[Row]) -> list[Row]:
     """The median and the worst over the flights of one kind, and the ratio of both to those without a map."""
-    columns = (*APART, "images/s", "offer p50, ms", "offer worst, ms", *USED)
+    columns = ("braked", *APART, *HOST, "images/s", *OFFER, *USED)
     made: list[Row] = []
     for how in ("median", "worst"):
         row: Row = {"map": which, "flight": how}
@@ -451,13 +336,5 @@ def _camera(text: str) -> tuple[int, int, float]:
     return int(width), int(height), float(rate)
 
 
-def fly() -> int:
-    """Be the application, with the map that the environment names."""
-    setattr(app, "MapWorker", _CLASSES[os.environ[MAP]])  # noqa: B010 - a plain assignment is none that types allow
-    return flight_process.main(sys.argv[2:])
-
-
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["--fly"]:
-        raise SystemExit(fly())
     main()
