@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,19 @@ class ClearDepth(NamedTuple):
     most_m: NDArray[np.float32]
 
 
+_BESIDE_PX = math.sqrt(0.5**2 + 1.5**2)
+"""Two points are no further apart than this, of which one is in a pixel and the other the centre of that above it."""
+
+
+def hole_depth_m(voxel_m: float, focal_px: float) -> float:
+    """Depth up to which a pixel that says nothing is as clear as the one above or below it.
+
+    So near, the ray of that one still passes through the voxel whose centre lies in the pixel: the voxel is so large in
+    the image. Cameras leave out a pixel here and there, and a camera that is held still leaves out the same ones.
+    """
+    return voxel_m / 2.0 * focal_px / _BESIDE_PX
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def clear_depth(
     depth_m: NDArray[np.float32],
@@ -37,13 +51,15 @@ def clear_depth(
     limit_m: float,
     margin_m: float,
     noise_per_m: float,
+    hole_m: float,
     clear: NDArray[np.float32],
 ) -> ClearDepth:
     """Depth up to which each pixel of a depth image has seen free space.
 
     A pixel counts with the least depth among its 3 x 3 neighbours: on a surface seen at a slant, the ray through a
     voxel just above it meets the surface far behind, and only the pixel beside it tells how near the surface is.
-    Neighbours that say nothing are left out; a pixel that says nothing itself is clear nowhere.
+    Neighbours that say nothing are left out. A pixel that says nothing itself is clear nowhere, unless the one above or
+    below says something: then as far as `hole_depth_m`.
 
     Args:
         depth_m: (height, width).
@@ -51,6 +67,7 @@ def clear_depth(
         limit_m: readings at or beyond it say "free up to here".
         margin_m: free space ends this far before a surface.
         noise_per_m: and as far again as the noise there: its standard deviation over the depth squared.
+        hole_m: from `hole_depth_m`.
         clear: (height, width) room for the result.
     """
     height, width = depth_m.shape
@@ -59,7 +76,7 @@ def clear_depth(
     most = np.zeros((LEVELS, rows, columns), np.float32)
     lowest, limit = np.float32(lowest_m), np.float32(limit_m)
     margin, noise = np.float32(margin_m), np.float32(noise_per_m)
-    far, nothing = np.float32(np.inf), np.float32(0.0)
+    far, nothing, hole = np.float32(np.inf), np.float32(0.0), np.float32(hole_m)
     # The least of three rows, with one column of "far" on either side so that the second sweep has no borders; and the
     # least and the greatest of the rows of one tile, as wide as whole tiles.
     near = np.full(width + 2, far, np.float32)
@@ -79,12 +96,13 @@ def clear_depth(
         row = clear[v]
         for u in range(width):
             d0, d1, d2 = near[u], near[u + 1], near[u + 2]
+            in_hole = hole if d1 < far else nothing
             d0 = min(d1, d0)
             d0 = min(d2, d0)
             free_m = d0 - margin - noise * d0 * d0
             free_m = max(nothing, free_m)
             free_m = free_m if d0 < limit else limit
-            free_m = free_m if here[u] >= lowest else nothing
+            free_m = free_m if here[u] >= lowest else min(in_hole, free_m)
             row[u] = free_m
             low[u] = min(low[u], free_m)
             high[u] = max(high[u], free_m)

@@ -11,7 +11,7 @@ from companion.config.mapping import MapSettings
 from companion.mapping import lookup
 from companion.mapping.brick import CHANGED, HITS, LOWERED
 from companion.mapping.chunks import CHUNK_LIMIT, EDGE, NOTHING
-from companion.mapping.depth_image import clear_depth
+from companion.mapping.depth_image import clear_depth, hole_depth_m
 from companion.mapping.marks import mark_hits
 from companion.mapping.merge import add_log_odds
 from companion.mapping.piece import MOST_CHUNKS, MapPiece, MapSource
@@ -24,14 +24,6 @@ from companion.mapping.view import view_of
 from companion.model import DepthFrame, FloatArray, PlanarScan
 
 _FIRST_CHUNKS = 256
-
-
-class _Room:
-    """Memory for one image, kept from frame to frame: taking it anew would cost more than the work."""
-
-    def __init__(self, shape: tuple[int, ...]) -> None:
-        self.depth_m = np.empty(shape, np.float32)
-        self.clear_m = np.empty(shape, np.float32)
 
 
 class VoxelMap:
@@ -49,7 +41,8 @@ class VoxelMap:
         self._steps = steps_of(settings)
         self._store = Store(_FIRST_CHUNKS)
         self._revision = 0
-        self._room = _Room((0, 0))
+        # Memory for one image, kept from frame to frame: taking it anew would cost more than the work.
+        self._clear_m = np.empty((0, 0), np.float32)
 
     @property
     def voxel_m(self) -> float:
@@ -93,11 +86,20 @@ class VoxelMap:
                 f"{camera.width_px} px wide"
             )
         view = view_of(frame, settings.voxel_m, settings.max_range_m)
-        room = self._room_for(frame.depth_m)
+        # Compiled code differs for memory that is read-only or of another layout.
+        depth_m = np.require(frame.depth_m, np.float32, ["C", "W"])
+        if self._clear_m.shape != depth_m.shape:
+            self._clear_m = np.empty(depth_m.shape, np.float32)
         rays = view.rays
-        marks = mark_hits(room.depth_m, rays, view.box)
+        marks = mark_hits(depth_m, rays, view.box)
         clear = clear_depth(
-            room.depth_m, rays.lowest_m, rays.limit_m, settings.margin_m, settings.depth_noise_per_m, room.clear_m
+            depth_m,
+            rays.lowest_m,
+            rays.limit_m,
+            settings.margin_m,
+            settings.depth_noise_per_m,
+            min(hole_depth_m(settings.voxel_m, min(camera.fx_px, camera.fy_px)), rays.limit_m),
+            self._clear_m,
         )
         pixels_hit, pixels_clear, pixels_invalid = (int(count) for count in marks.pixels)
         self._revision += 1
@@ -257,13 +259,6 @@ class VoxelMap:
             states = lookup.states_of(piece.values, self._steps.threshold)
             found.append(lookup.centres(piece.chunks, states, state, self.voxel_m))
         return np.concatenate(found)
-
-    def _room_for(self, depth_m: NDArray[np.float32]) -> _Room:
-        """The image in memory of our own: compiled code differs for memory that is read-only or of another layout."""
-        if self._room.depth_m.shape != depth_m.shape:
-            self._room = _Room(depth_m.shape)
-        self._room.depth_m[...] = depth_m
-        return self._room
 
     def _points(self, points: NDArray[np.floating]) -> FloatArray:
         """The same points as the compiled functions take them; those beyond the grid are moved to its unused rim."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -48,19 +50,43 @@ def test_nothing_is_known_where_only_nan_was_seen() -> None:
     assert (voxels.occupied()[:, 1] < 0.0).all()
 
 
-def test_a_hole_of_one_pixel_stays_a_hole() -> None:
-    """Protects single dropouts from being filled in by their neighbours, which see past what may be there."""
+def test_a_hole_of_one_pixel_is_clear_as_far_as_the_rays_beside_it_pass_through_the_same_voxels() -> None:
+    """Protects what is near and what is far.
+
+    A camera that always leaves out the same pixel must not leave a line of unknown voxels before it; far away, where a
+    voxel is as small as a pixel, the neighbours see past what may be there.
+    """
     cam = camera(81, 61)
+    # A row of voxels has its centres in the middle pixel.
+    at = pose(0.005, 0.051, 0.051)
     depth = np.full((61, 81), np.nan)
     depth[30, 40] = 4.55
     lone, around = VoxelMap(EXACT), VoxelMap(EXACT)
-    lone.integrate(frame(cam, pose(0.005, 0.005, 0.005), depth))
+    lone.integrate(frame(cam, at, depth))
     depth = np.full((61, 81), 4.55)
     depth[30, 40] = np.nan
-    around.integrate(frame(cam, pose(0.005, 0.005, 0.005), depth))
-    for centre in lone.free():
-        # At most one pixel holds the centre, so one of the two frames says nothing about it.
-        assert around.classify(centre[np.newaxis]) == [UNKNOWN]
+    around.integrate(frame(cam, at, depth))
+    # At most one pixel holds a voxel's centre. Half a voxel is 0.05 m, of which it takes sqrt(2.5) px to be sure.
+    until_m = 0.05 * cam.fx_px / math.sqrt(2.5)
+    near, far = lone.free()[lone.free()[:, 0] < until_m], lone.free()[lone.free()[:, 0] > until_m + 0.01]
+    assert len(near) > 5
+    assert len(far) > 20
+    assert (around.classify(near) == FREE).all()
+    assert (around.classify(far) == UNKNOWN).all()
+
+
+def test_a_wider_hole_stays_a_hole() -> None:
+    """Protects "unknown is not free": beside a pixel with nothing above and below it, no ray passes near enough."""
+    cam = camera(81, 61)
+    depth = np.full((61, 81), 4.55)
+    depth[:, 40] = np.nan
+    voxels = VoxelMap(EXACT)
+    voxels.integrate(frame(cam, pose(0.005, 0.005, 0.005), depth))
+    depth = np.where(np.isnan(depth), 4.55, np.nan)
+    lone = VoxelMap(EXACT)
+    lone.integrate(frame(cam, pose(0.005, 0.005, 0.005), depth))
+    assert len(lone.free()) > 100
+    assert (voxels.classify(lone.free()) == UNKNOWN).all()
 
 
 @pytest.mark.parametrize(("map_m", "camera_m"), [(3.0, 10.0), (5.0, 3.0)], ids=["map's limit", "camera's limit"])

@@ -98,7 +98,8 @@ def test_occupied_is_exactly_where_rays_end(at: Pose, share: float) -> None:
 def test_free_is_exactly_what_the_pixels_around_saw_past(at: Pose, share: float) -> None:
     """Protects the early decisions about whole blocks: they must be the same as looking at every voxel.
 
-    Each voxel centre is projected, and compared with the least reading among the nine pixels around.
+    Each voxel centre is projected, and compared with the least reading among the nine pixels around; where the pixel
+    itself says nothing and the one above or below does, only as far as that one's ray passes through the voxel.
     """
     cam, depth = _scene(at, share)
     voxels = VoxelMap(SETTINGS)
@@ -119,7 +120,9 @@ def test_free_is_exactly_what_the_pixels_around_saw_past(at: Pose, share: float)
     readings = np.where(depth >= cam.min_range_m, np.minimum(depth, LIMIT_M), np.inf)
     padded = np.pad(readings, 1, constant_values=np.inf)
     least = np.min([padded[i : i + 60, j : j + 80] for i in range(3) for j in range(3)], axis=0)
-    clear = np.where(np.isfinite(readings), least, 0.0)
+    beside = np.isfinite(np.minimum(padded[:-2, 1:-1], padded[2:, 1:-1]))
+    hole_m = VOXEL_M / 2 * cam.fx_px / math.sqrt(2.5)
+    clear = np.where(np.isfinite(readings), least, np.where(beside, np.minimum(least, hole_m), 0.0))
     seen = np.zeros(len(numbers))
     seen[in_image] = clear[row[in_image], column[in_image]]
 
