@@ -13,6 +13,10 @@ default sensor model and the same range. What is called, and only that is timed:
 - vbg: ``compute_unique_block_coordinates`` and ``integrate``, distance and weight only, with Open3D's default blocks
   of 16 and band of 8 voxels on either side of the surface. It does not know free space. vbg narrow: 8 and 4.
 
+The processor's clock changes within minutes, by half and more: so ours is timed again right before and right after
+every other, in the same process and with the same images, and the ratio is to the mean of these two ("/ ours";
+"/ clean": of ours with spoilt images to ours with exact ones).
+
 The first frame of each map, in which things are compiled or loaded, is left out; that of the first is given apart. Of
 all these only Open3D has code for two cores. "CPU" is time on the processor, all threads together: what to compare
 where other work disturbs the clock. The binding's text says that OctoMap runs in parallel: its wheel does not.
@@ -33,7 +37,7 @@ import sys
 import tempfile
 import time
 from argparse import SUPPRESS, ArgumentParser, Namespace
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import product
@@ -60,8 +64,8 @@ PASSES = 5
 
 LOST_SHOWN = 20
 COLUMNS = (
-    *("place", "images", "voxel, m", "cores", "contender", "median, ms", "p99, ms", "CPU, ms", "first, ms", "/ ours"),
-    *("CPU / ours", "CPU / clean"),
+    *("place", "images", "voxel, m", "cores", "contender", "median, ms", "p99, ms", "CPU, ms", "first, ms"),
+    *("median / ours", "CPU / ours", "CPU / clean"),
     *("RSS grew, MB", "own, MB", "frames"),
 )
 SIZE_COLUMNS = ("place", "images", "voxel, m", "ours, MB", "octomap, MB", "journal, MB", ".bt, MB", ".ot, MB")
@@ -162,25 +166,64 @@ SLOW = tuple(name for name in CONTENDERS if name.startswith("octomap"))
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """What one process does: time a contender, or compare ours with OctoMap where no contender is named."""
+    """What one process does: time a contender, or compare ours with OctoMap where no contender is named.
+
+    Attributes:
+        contender: its name.
+        frames_file: its images.
+        beside_file: those with which ours is timed before and after it.
+        voxel_m: edge of a voxel.
+        passes: how often the images are taken.
+    """
 
     contender: str
     frames_file: str
+    beside_file: str
     voxel_m: float
     passes: int
 
 
+@dataclass(frozen=True, slots=True)
+class Times:
+    """What one contender took for each frame but the first ones, by the clock and on the processor; and its memory."""
+
+    clock_ms: list[float]
+    cpu_ms: list[float]
+    first_ms: float
+    grew_bytes: int
+    own_bytes: int
+
+
 def timed(job: Job) -> Row:
-    """Run one contender in this process: times of each frame but the first ones, in ms, and memory."""
-    frames = map_frames.load(Path(job.frames_file))
-    make = CONTENDERS[job.contender]
+    """Run one contender in this process, with ours before and after it."""
+    frames, beside = map_frames.load(Path(job.frames_file)), map_frames.load(Path(job.beside_file))
+    before = _times_of(OURS, beside, job.voxel_m, PASSES)
+    its = _times_of(job.contender, frames, job.voxel_m, job.passes)
+    after = _times_of(OURS, beside, job.voxel_m, PASSES)
+    return {
+        "median, ms": float(np.median(its.clock_ms)),
+        "p99, ms": float(np.percentile(its.clock_ms, 99)),
+        "CPU, ms": float(np.median(its.cpu_ms)),
+        "first, ms": its.first_ms,
+        "beside, ms": float(np.mean([np.median(times.clock_ms) for times in (before, after)])),
+        "beside, CPU ms": float(np.mean([np.median(times.cpu_ms) for times in (before, after)])),
+        "RSS grew, MB": its.grew_bytes / 1e6,
+        "own, MB": its.own_bytes / 1e6,
+        "frames": len(its.clock_ms),
+        "peak RSS, MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6,
+        "every frame, ms": its.clock_ms,
+    }
+
+
+def _times_of(name: str, frames: Sequence[DepthFrame], voxel_m: float, passes: int) -> Times:
+    make = CONTENDERS[name]
     first_ms, clock_ms, cpu_ms = 0.0, [], []
-    contender = make(job.voxel_m)
+    contender = make(voxel_m)
     contender.prepared(frames[0])
     before_bytes = _resident_bytes()
     grew_bytes, own_bytes = 0, 0
-    for number in range(job.passes):
-        contender = make(job.voxel_m)
+    for number in range(passes):
+        contender = make(voxel_m)
         for place, frame in enumerate(frames):
             prepared: Any = contender.prepared(frame)
             start, start_cpu = time.perf_counter(), time.process_time()
@@ -193,17 +236,7 @@ def timed(job: Job) -> Row:
                 first_ms = took_ms
         if number == 0:
             grew_bytes, own_bytes = _resident_bytes() - before_bytes, contender.own_bytes()
-    return {
-        "median, ms": float(np.median(clock_ms)),
-        "p99, ms": float(np.percentile(clock_ms, 99)),
-        "CPU, ms": float(np.median(cpu_ms)),
-        "first, ms": first_ms,
-        "RSS grew, MB": grew_bytes / 1e6,
-        "own, MB": own_bytes / 1e6,
-        "frames": len(clock_ms),
-        "peak RSS, MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6,
-        "every frame, ms": clock_ms,
-    }
+    return Times(clock_ms, cpu_ms, first_ms, grew_bytes, own_bytes)
 
 
 def _resident_bytes() -> int:
@@ -239,41 +272,39 @@ def measured(arguments: Namespace, folder: Path) -> Iterator[Row]:
             print(f"{place} is left out: {error}", flush=True)
             continue
         print(f"\n{name}: {_sphere_share(exact[0]):.1f} % less to do for octomap, which has a sphere for a limit")
-        clean: dict[tuple[float, str], Row] = {}
+        clean_file = folder / f"{name}-{map_frames.CLEAN}.npz"
+        map_frames.save(exact, clean_file)
         for variant, voxel_m in product(map_frames.VARIANTS, arguments.voxel):
             file = folder / f"{name}-{variant}.npz"
             if not file.exists():
                 map_frames.save(map_frames.spoilt(exact, variant), file)
             base: Row = {"place": name, "images": variant, "voxel, m": voxel_m}
             for cores in (1, 2) if variant == map_frames.CLEAN else (1,):
-                for row in _times(base | {"cores": cores}, str(file), variant):
-                    if cores == 1:
-                        first = clean.setdefault((voxel_m, str(row["contender"])), row)
-                        row["CPU / clean"] = _ratio(row, first, "CPU, ms")
-                    yield row
+                yield from _times(base | {"cores": cores}, str(file), str(clean_file), variant)
             if variant in (map_frames.CLEAN, map_frames.ROUGH):
-                yield base | in_own_process(Job("", str(file), voxel_m, 1), 1)
+                yield base | in_own_process(Job("", str(file), "", voxel_m, 1), 1)
 
 
-def _times(base: Row, file: str, variant: str) -> Iterator[Row]:
+def _times(base: Row, file: str, clean_file: str, variant: str) -> Iterator[Row]:
     """Every contender on one core or two; only ours where the images are spoilt in one way alone."""
     cores, voxel_m = int(str(base["cores"])), float(str(base["voxel, m"]))
     if cores > len(os.sched_getaffinity(0)):
         print(f"{cores} cores are left out: this process may use {len(os.sched_getaffinity(0))}")
         return
     everyone = tuple(CONTENDERS) if variant in (map_frames.CLEAN, map_frames.ROUGH) else (OURS,)
-    ours: Row = {}
     for name in everyone if cores == 1 else ON_TWO_CORES:
         passes = 1 if name in SLOW else PASSES
-        row = base | {"contender": name} | in_own_process(Job(name, file, voxel_m, passes), cores)
-        ours = row if name == OURS else ours
-        yield row | {"/ ours": _ratio(row, ours, "median, ms"), "CPU / ours": _ratio(row, ours, "CPU, ms")}
+        row = in_own_process(Job(name, file, clean_file if name == OURS else file, voxel_m, passes), cores)
+        to = "clean" if name == OURS else "ours"
+        ratios = {
+            f"median / {to}": _ratio(row, "median, ms", "beside, ms"),
+            f"CPU / {to}": _ratio(row, "CPU, ms", "beside, CPU ms"),
+        }
+        yield base | {"contender": name} | row | ratios
 
 
-def _ratio(row: Row, other: Row, column: str) -> float | None:
-    if "failed" in row or "failed" in other:
-        return None
-    return float(str(row[column])) / float(str(other[column]))
+def _ratio(row: Row, column: str, beside: str) -> float | None:
+    return None if "failed" in row else float(str(row[column])) / float(str(row[beside]))
 
 
 def _sphere_share(frame: DepthFrame) -> float:
