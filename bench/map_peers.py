@@ -48,7 +48,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench import map_frames
-from bench.map_agreement import agreement, octree, voxels_of
+from bench.map_agreement import agreement
+from bench.map_octomap import octree, voxels_of
 from bench.table import Row, parser, show, write
 from companion.errors import InputError
 from companion.geometry import camera_to_world

@@ -6,17 +6,16 @@ import math
 import random
 import selectors
 import socket
-import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any
 
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
 from sitl.autopilot.wire import Decoder
 from tests.integration.seen import Seen
+from tests.own_thread import OwnThread
 
 LOOPBACK = "127.0.0.1"
 LARGEST = 65536
@@ -42,7 +41,7 @@ def repacked(message: Message) -> bytes:
     return pack(message, (header.srcSystem, header.srcComponent), header.seq)
 
 
-class UdpRelay:
+class UdpRelay(OwnThread):
     """Lives in a thread of its own while the block lasts.
 
     Args:
@@ -78,20 +77,7 @@ class UdpRelay:
         self._near, self._far, self._stranger = _socket(), _socket(), _socket()
         self.port: int = self._near.getsockname()[1]
         self._speech: _Speech | None = None
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="relay")
-
-    def __enter__(self) -> UdpRelay:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stop.set()
-        self._thread.join()
-        for end in (self._near, self._far, self._stranger):
-            end.close()
+        super().__init__("relay", self._near, self._far, self._stranger)
 
     def cut_for(self, duration_s: float) -> None:
         """Nothing passes, either way, for so long from now on."""

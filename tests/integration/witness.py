@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import math
 import socket
-import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any
 
 import pytest
@@ -21,6 +19,7 @@ from companion.model import Pose
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
 from sitl.autopilot.wire import Decoder
+from tests.own_thread import OwnThread
 
 LOOPBACK = "127.0.0.1"
 GROUND_STATION = (255, 190)
@@ -36,7 +35,7 @@ class Beat:
     armed: bool
 
 
-class Witness:
+class Witness(OwnThread):
     """Listens to one autopilot, on a port of its own, in a thread, while the block lasts.
 
     Args:
@@ -59,20 +58,7 @@ class Witness:
         self.texts: list[str] = []
         self._system_id = system_id
         self._autopilot: Any = None
-        self._asked_s = -math.inf
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="witness")
-
-    def __enter__(self) -> Witness:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stop.set()
-        self._thread.join()
-        self._socket.close()
+        super().__init__("witness", self._socket)
 
     @property
     def mode(self) -> str:

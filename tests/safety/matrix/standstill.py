@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import contextlib
 import os
-import threading
 import time
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
+
+from tests.own_thread import OwnThread
 
 LOOK_S = 0.02
 NOTED_S = 0.02
@@ -53,7 +53,7 @@ class Wait:
 NOBODY = Wait(0.0, 0.0, "nobody")
 
 
-class Standstill:
+class Standstill(OwnThread):
     """Looks on, in a thread of its own, while the block lasts.
 
     Args:
@@ -68,18 +68,7 @@ class Standstill:
         self._waited_ns: dict[Path, int] = {}
         self._looked_s: float | None = None
         self._waits: deque[Wait] = deque(maxlen=REMEMBERED)
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="standstill")
-
-    def __enter__(self) -> Standstill:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stop.set()
-        self._thread.join()
+        super().__init__("standstill")
 
     def longest(self, since_s: float, until_s: float) -> Wait:
         """The longest wait that ended between two moments of `time.monotonic`."""
