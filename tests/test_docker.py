@@ -27,6 +27,7 @@ from ruamel.yaml import YAML
 from companion.config.load import load_settings
 from companion.config.show import dump_yaml
 from sitl.beside.wire import TruthUrl
+from sitl.together.settings import OF_PERSONALITY, write_settings
 
 ROOT = Path(__file__).parent.parent
 DOCKER = ROOT / "docker"
@@ -174,6 +175,14 @@ class TestComposeFiles:
         (truth,) = option(found["world"], "truth")
         assert TruthUrl.parse(truth).kind == "udp", "the autopilot sends, the world listens"
         assert "--start=now" in found["application"]["command"], "there is nobody to press a key"
+
+    @pytest.mark.parametrize("personality", list(OF_PERSONALITY))
+    def test_every_simulated_autopilot_has_settings_with_which_it_is_flown(
+        self, personality: str, tmp_path: Path
+    ) -> None:
+        """ArduCopter brakes slower than the default says: pre-flight would refuse the flight."""
+        made = write_settings(tmp_path / "vehicle.yaml", "flight", personality)
+        assert load_settings(DOCKER / f"simulated.{personality}.yaml").control == made.control
 
     def test_the_stub_sends_to_application_and_world(self) -> None:
         found = services(DOCKER / "compose.stub.yaml")

@@ -7,13 +7,20 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from companion.config.section import Section, refuse
+from companion.safety.budget import ARDUCOPTER_BRAKE_MPS2
 
 
 class GovernorSettings(Section):
     """Bounds the speed by what can be braked and turned: it only ever lowers what law (12) gives."""
 
     reaction_s: float = Field(0.4, ge=0.0, le=3.0, description="time from seeing an obstacle to braking, in s")
-    brake_mps2: float = Field(0.8, gt=0.0, le=10.0, description="deceleration that the vehicle surely reaches, in m/s²")
+    brake_mps2: float = Field(
+        0.8,
+        gt=0.0,
+        le=10.0,
+        description="deceleration that the vehicle surely reaches, in m/s²; the safety gate counts on it too, with any "
+        f"speed_law. The default is for PX4; ArduPilot reaches {ARDUCOPTER_BRAKE_MPS2:g}, pre-flight refuses more",
+    )
     turn_share: float = Field(
         0.6, gt=0.0, le=1.0, description="share of the largest yaw rate that is counted on to turn away from a wall"
     )

@@ -18,9 +18,11 @@ from companion.safety.plan import CYCLE_S, Plan
 
 SILENCE_EXTRA_S = 0.12
 """PX4 acted 0.03 to 0.12 s after its COM_OF_LOSS_T; ArduCopter no later than that after its GUID_TIMEOUT."""
-FAILSAFE_BRAKE_MPS2 = 0.43
-"""How the autopilots stop by themselves. ArduCopter, 0.5 s of silence at 0.5 m/s: 0.54 m until it stood, 0.25 m of it
-in the silence, so 0.5²/(2·0.29). PX4 stopped in 0.4 m and brakes harder."""
+ARDUCOPTER_BRAKE_MPS2 = 0.43
+"""How ArduCopter stops. 0.5 s of silence at 0.5 m/s: 0.54 m until it stood, 0.25 m of it in the silence, so
+0.5²/(2·0.29). Pre-flight refuses settings that count on more."""
+FAILSAFE_BRAKE_MPS2 = ARDUCOPTER_BRAKE_MPS2
+"""How the autopilots stop by themselves, whichever it is: PX4 stopped in 0.4 m and brakes harder."""
 
 LAW_FLIES = frozenset(
     {Fault.HEARTBEAT_LOST, Fault.FENCE, Fault.BATTERY, Fault.GROUND_STOP, Fault.MAP, Fault.FLOOD},

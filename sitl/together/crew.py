@@ -15,8 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from companion.config.load import load
+from companion.config.settings import Settings
 from companion.errors import CompanionError
+from sitl.together.settings import write_settings
 
 START_TIMEOUT_S = 240.0
 """The first start on a computer compiles everything, which takes a small one minutes."""
@@ -43,7 +44,8 @@ class FlightPlan:
         seed: draws the start, the noise and the choices.
         time_limit_s: of the exploring.
         preset: of the application.
-        settings: what is set besides, as nested mappings like those in a settings file.
+        settings: what is set besides what `sitl.together.settings` and this flight need, as nested mappings like those
+            in a settings file.
         autopilot: more options for `companion sitl autopilot`.
         beside: more options for `companion sitl world`.
     """
@@ -87,7 +89,7 @@ class Crew:
         return found
 
     def __enter__(self) -> Crew:
-        self._write_config()
+        self.write_settings()
         try:
             self.autopilot = self._start("autopilot", self._autopilot_options())
             self._world = self._start("world", self._world_options())
@@ -111,20 +113,16 @@ class Crew:
         """The command that flies: it becomes the gate, and the application is its child."""
         return [*command("run"), "--config", str(self.config), "--seed", str(self.plan.seed), *options]
 
-    def _write_config(self) -> None:
+    def write_settings(self) -> Settings:
+        """Write the application's settings file, as is done when the flight begins; what is in force with it."""
         plan = self.plan
-        sections: dict[str, dict[str, Any]] = {
+        own = {
             "autopilot": {"url": f"udpin://127.0.0.1:{self.to_application}", "gps": plan.gps},
             "sensors": {"stream": {"url": self._stream_url}},
             "mission": {"start": "now", "time_limit_s": plan.time_limit_s},
             "record": {"folder": str(plan.folder), "largest_mb": 500.0},
         }
-        for section, values in (plan.settings or {}).items():
-            sections.setdefault(section, {}).update(values)
-        # JSON is YAML.
-        text = json.dumps({"preset": plan.preset, **sections}, indent=2)
-        self.config.write_text(text + "\n", encoding="utf-8")
-        load(self.config)
+        return write_settings(self.config, plan.preset, plan.personality, own, plan.settings or {})
 
     def _autopilot_options(self) -> list[str]:
         plan = self.plan

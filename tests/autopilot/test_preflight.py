@@ -15,6 +15,7 @@ from companion.autopilot.preflight import CheckResult, check_names, refusal, ren
 from companion.autopilot.telemetry import Telemetry
 from companion.config.settings import Settings
 from companion.errors import InputError
+from sitl.together.settings import OF_PERSONALITY
 from tests.autopilot.fake_link import FakeLink, HandClock
 
 PX4, ARDUPILOT = AutopilotKind.PX4, AutopilotKind.ARDUPILOT
@@ -90,7 +91,11 @@ class Bench:
         self.link = FakeLink(self.clock, kind)
         self.link.params = GOOD[kind] | ({} if gps else WITHOUT_GPS[kind])
         self.settings = Settings.model_validate(
-            {"autopilot": {"gps": gps}, "record": {"folder": str(folder / "flights"), "largest_mb": 10}}
+            {
+                "autopilot": {"gps": gps},
+                "record": {"folder": str(folder / "flights"), "largest_mb": 10},
+                **OF_PERSONALITY[kind.value],
+            }
         )
         self.telemetry = Telemetry(self.link, self.clock)
         self.inputs = {"depth": Reading(5.0)} | {beam: Reading(10.0) for beam in BEAMS}
@@ -362,6 +367,18 @@ def test_a_skipped_check_is_on_record_and_stops_nothing(tmp_path: Path) -> None:
     assert refusal(bench.results) is None
     assert [result.name for result in results.values() if result.skipped] == ["height", "COM_OBL_RC_ACT"]
     assert bench.link.params["COM_OBL_RC_ACT"] == 0, "what is skipped is not fixed either"
+
+
+@pytest.mark.parametrize("kind", list(AutopilotKind))
+def test_braking_that_was_not_measured_stops_ardupilot_until_somebody_skips_it(
+    kind: AutopilotKind, tmp_path: Path
+) -> None:
+    """Protects whoever flies ArduPilot with the defaults, which are PX4's: nobody overlooks them any more."""
+    bench = Bench(kind, tmp_path)
+    bench.settings = bench.settings.model_copy(update={"control": Settings().control})
+    assert bench.failures(fix=True) == (["braking"] if kind is ARDUPILOT else [])
+    assert bench.failures(skip=("braking",)) == []
+    assert [result.name for result in bench.results if result.skipped] == (["braking"] if kind is ARDUPILOT else [])
 
 
 def test_a_check_that_does_not_exist_cannot_be_skipped(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Protocol
 
+from companion.autopilot.preflight.braking import BRAKING, braking
 from companion.autopilot.preflight.parameter_check import check_rule
 from companion.autopilot.preflight.parameters import parameter_check_names, rules
 from companion.autopilot.preflight.result import CheckResult
@@ -53,9 +54,9 @@ class Statistics(Protocol):
 
 
 def check_names(settings: Settings) -> tuple[str, ...]:
-    """The names of all checks, as `run_checks` skips them; those of the parameters for both autopilots."""
+    """The names of all checks, as `run_checks` skips them, of both autopilots."""
     plain = ("link", "autopilot", "attitude", "position", "clock", *_sensor_names(settings), "height", "estimator")
-    return (*plain, "battery", "storage", "disarmed", "mode", *parameter_check_names(settings))
+    return (*plain, "battery", "storage", "disarmed", "mode", BRAKING, *parameter_check_names(settings))
 
 
 async def run_checks(
@@ -100,6 +101,7 @@ async def run_checks(
         _storage(settings),
         _disarmed(state),
         _mode(state),
+        *braking(link.kind, settings),
     ]
     results = [_skipped(result.name) if result.name in skip else result for result in results]
     for rule in rules(link.kind, settings):

@@ -11,6 +11,9 @@ if TYPE_CHECKING:  # the scene knows what an injection asks of it
     from tests.safety.matrix.scene import Flight
 
 PERSONALITIES = ("px4", "ardupilot")
+TRIGGER_M = 1.45
+"""At this distance from the wall the fault comes: the vehicle still flies at full speed, and would brake by itself at
+1.06 m with PX4 and at 1.19 m with ArduPilot, which brakes less."""
 
 
 class Final(enum.StrEnum):
@@ -47,6 +50,7 @@ class Injection:
             counted from its end.
         needs_stop: False: nothing has to stop, the flight may go on.
         careless: the application ignores distances and never stops by itself.
+        trigger_m: how far from the wall it comes.
         watch_s: how long after the fault the flight is judged.
         settings: what is set besides, as nested mappings like those in a settings file.
         verify: what else must be true at the end; gives what is not, in words, or None.
@@ -62,6 +66,7 @@ class Injection:
     limit_s: float = 0.0
     needs_stop: bool = True
     careless: bool = False
+    trigger_m: float = TRIGGER_M
     watch_s: float = 6.0
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     verify: Callable[[Flight], str | None] | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import resource
 import signal
@@ -9,6 +10,7 @@ import subprocess
 import threading
 from collections.abc import Callable
 
+from companion.config.load import load
 from companion.handover import module
 from tests.safety.matrix.injection import Final, Injection
 from tests.safety.matrix.processes import udp_ports
@@ -16,6 +18,8 @@ from tests.safety.matrix.scene import ROOT, Flight, SceneError
 from tests.safety.matrix.stranger import YAW_RATE_RADPS
 
 GATE_STOPPED_S = 3.0
+OTHER_SPEED_MPS = 0.4
+"""Not that of the flights."""
 FULL_DISK_BYTES = 300_000
 """A recording with images is larger by now; what is said is not."""
 RESTART_S = 40.0
@@ -59,9 +63,11 @@ def _fill_disk(flight: Flight) -> None:
 
 
 def _rewrite_and_kill(flight: Flight) -> None:
-    text = flight.config.read_text(encoding="utf-8")
-    flight.config.write_text(text.replace('"mission": {', '"control": {"speed_mps": 0.4}, "mission": {'))
-    if flight.config.read_text(encoding="utf-8") == text:
+    # JSON is YAML.
+    written = json.loads(flight.config.read_text(encoding="utf-8"))
+    written["control"] = {**written.get("control", {}), "speed_mps": OTHER_SPEED_MPS}
+    flight.config.write_text(json.dumps(written), encoding="utf-8")
+    if load(flight.config).settings.control.speed_mps == flight.settings.control.speed_mps:
         raise SceneError("the settings file was not changed")
     os.kill(flight.flyer_pid, signal.SIGKILL)
 

@@ -70,7 +70,7 @@ def fly(name: str, personality: str, parent: Path | None = None) -> Outcome:
 
 def _fly(injection: Injection, personality: str, folder: Path) -> Outcome:
     with flying(folder, personality, injection.settings) as flight:
-        approach(flight)
+        approach(flight, injection.trigger_m)
         if injection.careless:
             flight.tell_flyer("careless")
         fault_s = time.monotonic()

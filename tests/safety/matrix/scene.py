@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import signal
 import socket
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from companion.config.load import load
 from companion.config.settings import Settings
 from companion.errors import CompanionError
 from companion.gate_plan import to_plan
 from companion.handover import module, sealed
 from companion.safety.plan import Plan
 from sitl.together.crew import command, environment, free_tcp_port, free_udp_ports
+from sitl.together.settings import Sections, write_settings
 from tests.integration.relay import UdpRelay
 from tests.integration.rig import BOOT_S, SILENCE
 from tests.integration.witness import Witness, speed_mps
@@ -37,8 +35,6 @@ REACH_S = 40.0
 """Until it is near the wall."""
 LOOK_S = 0.01
 """Half a centimetre of the way."""
-TRIGGER_M = 1.45
-"""At this distance the fault comes: the vehicle still flies at full speed, and would brake by itself at 1.06 m."""
 LEAST_MPS = 0.3
 """Slower than this it does not fly towards the wall, or has been stopped for something else."""
 NICENESS, HARDWARE_NICENESS = -5, -10
@@ -133,7 +129,7 @@ class Flight:
 
 
 @contextlib.contextmanager
-def flying(folder: Path, personality: str, settings: Mapping[str, Mapping[str, Any]] | None = None) -> Iterator[Flight]:
+def flying(folder: Path, personality: str, settings: Sections | None = None) -> Iterator[Flight]:
     """Take off and explore; all processes end with the block."""
     ports = free_udp_ports(4)
     gate_port, world_port, control_port, flyer_port = ports
@@ -142,8 +138,8 @@ def flying(folder: Path, personality: str, settings: Mapping[str, Mapping[str, A
         relay = stack.enter_context(UdpRelay(gate_port))
         stream = stack.enter_context(StreamRelay(world_tcp))
         witness = stack.enter_context(Witness())
-        config = _write_config(folder, gate_port, stream, settings or {})
-        loaded = load(config).settings
+        config = folder / "vehicle.yaml"
+        loaded = write_config(config, personality, gate_port, stream.url, settings or {})
         mesh = corridor(folder)
         # Side by side: each of them takes seconds to load. What is started last ends first.
         world = _serve(stack, folder, "world", _world(folder, mesh, config, world_port, world_tcp))
@@ -166,8 +162,8 @@ def flying(folder: Path, personality: str, settings: Mapping[str, Mapping[str, A
         yield flight
 
 
-def approach(flight: Flight, trigger_m: float = TRIGGER_M) -> None:
-    """Until the moment for the fault.
+def approach(flight: Flight, trigger_m: float) -> None:
+    """Until the moment for the fault, so far from the wall.
 
     Raises:
         SceneError: it does not come near, or comes near without flying.
@@ -196,20 +192,16 @@ def _tell(port: int, words: str) -> None:
         hand.sendto(words.encode(), (LOOPBACK, port))
 
 
-def _write_config(folder: Path, gate_port: int, stream: StreamRelay, settings: Mapping[str, Mapping[str, Any]]) -> Path:
-    sections: dict[str, dict[str, Any]] = {
+def write_config(config: Path, personality: str, gate_port: int, stream_url: str, settings: Sections) -> Settings:
+    """Write the settings file of a flight, with ``settings`` over what every flight has; what is in force with it."""
+    every = {
         "autopilot": {"url": f"udpin://{LOOPBACK}:{gate_port}"},
-        "sensors": {"stream": {"url": stream.url}, "camera": CAMERA},
+        "sensors": {"stream": {"url": stream_url}, "camera": CAMERA},
         # A clock is known to half a round trip, which other work on this computer makes longer than 30 ms.
         "mission": {"start": "now", "time_limit_s": 300.0, "skip_checks": ["clock"]},
-        "record": {"folder": str(folder), "largest_mb": 200.0},
+        "record": {"folder": str(config.parent), "largest_mb": 200.0},
     }
-    for section, values in settings.items():
-        sections.setdefault(section, {}).update(values)
-    config = folder / "vehicle.yaml"
-    # JSON is YAML.
-    config.write_text(json.dumps({"preset": "flight", **sections}, indent=2) + "\n", encoding="utf-8")
-    return config
+    return write_settings(config, "flight", personality, every, settings)
 
 
 def _world(folder: Path, mesh: Path, config: Path, truth_port: int, stream_port: int) -> list[str]:

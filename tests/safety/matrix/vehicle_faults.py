@@ -13,15 +13,19 @@ from tests.integration.relay import GROUND_STATION, pack
 from tests.safety.matrix.corridor import TO_WALL_M
 from tests.safety.matrix.injection import Final, Injection
 from tests.safety.matrix.pose_faults import STOPPED, altered, changes_worked, shifted_east
-from tests.safety.matrix.scene import TRIGGER_M, Flight
+from tests.safety.matrix.scene import Flight
 
-DRIFT_M = 0.45
-"""Less than what counts as a jump."""
+FENCE_M = 1.4
+"""Before the wall, so far that nothing but the fence stops it there."""
+NEAR_FENCE_M = FENCE_M + 0.5
+"""From the wall. The gate lets nothing pass that leads over the fence: with ArduPilot from 0.4 m before it."""
+DRIFT_M = 0.58
+"""From there to behind the fence."""
+JUMP_M = 0.7
+"""What counts as a jump here: more than the drift."""
 HANDS_OFF_S = 0.1
 BATTERY_S = 1.0
 """Period of the message that tells of it, as the application asks for it."""
-FENCE_M = 1.1
-"""Before the wall."""
 GATE, APPLICATION = 192, 191
 
 
@@ -55,9 +59,10 @@ def _hands_off(flight: Flight) -> str | None:
     return f"command {orders[0].command} after the heartbeat" if orders else None
 
 
-def _fenced(before_wall_m: float) -> dict[str, dict[str, object]]:
-    """Settings with a fence that much before the wall; the flight begins at the origin and leads east."""
-    return {"safety": {"fence": {"east_m": [-20.0, round(TO_WALL_M - before_wall_m, 3)]}}}
+# The flight begins at the origin and leads east.
+_FENCED = {
+    "safety": {"fence": {"east_m": [-20.0, round(TO_WALL_M - FENCE_M, 3)]}, "pose": {"jump_m": JUMP_M}},
+}
 
 
 VEHICLE_FAULTS = (
@@ -77,9 +82,10 @@ VEHICLE_FAULTS = (
         lambda _flight: None,
         frozenset({Final.BRAKED, Final.HELD}),
         # It reaches the place where the stop begins in this time.
-        limit_s=(TRIGGER_M - FENCE_M) / Settings().control.speed_mps,
+        limit_s=(NEAR_FENCE_M - FENCE_M) / Settings().control.speed_mps,
         careless=True,
-        settings=_fenced(FENCE_M),
+        trigger_m=NEAR_FENCE_M,
+        settings=_FENCED,
     ),
     Injection(
         "outside of the fence",
@@ -88,7 +94,8 @@ VEHICLE_FAULTS = (
         altered(lambda: shifted_east(DRIFT_M)),
         frozenset({Final.BRAKED, Final.HELD}),
         careless=True,
-        settings=_fenced(FENCE_M),
+        trigger_m=NEAR_FENCE_M,
+        settings=_FENCED,
         verify=changes_worked,
     ),
 )
