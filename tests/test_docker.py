@@ -177,7 +177,7 @@ class TestComposeFiles:
         assert "--start=now" in found["application"]["command"], "there is nobody to press a key"
 
     @pytest.mark.parametrize("personality", list(OF_PERSONALITY))
-    def test_every_simulated_autopilot_has_settings_with_which_it_is_flown(
+    def test_every_simulated_autopilot_is_flown_with_settings_of_its_own(
         self, personality: str, tmp_path: Path
     ) -> None:
         """ArduCopter brakes slower than the default says: pre-flight would refuse the flight."""
