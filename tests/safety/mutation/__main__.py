@@ -14,8 +14,9 @@ gate watch answer ladder setpoint vehicle motion fence beat permits plan voice m
 """
 FOLDER = Path(__file__).parents[3]
 TESTS = """
-answer beat_and_plan budget fence gate_faults gate_flight gate_hearing gate_notices gate_orders gate_permits gate_requests
-gate_setpoint_places gate_setpoints gate_stages ladder mavlink motion permits setpoint signing vehicle voice watch
+answer beat_and_plan budget fence gate_faults gate_flight gate_hearing gate_notices gate_orders gate_permits
+gate_requests gate_setpoint_places gate_setpoints gate_stages ladder mavlink motion permits setpoint
+signing vehicle voice watch
 """
 
 
