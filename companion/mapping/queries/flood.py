@@ -1,30 +1,29 @@
 """The flood fill that draws the plan, from where the vehicle was through all that is free, and keeps it right.
 
 The plan is what a flood from all places flown at once would give: nodes nearer to them first; of the same number of
-steps, in the order of their ranks. So a node depends on those with fewer steps only, and when a part of the map has
-changed what is on it is drawn anew, with all that was entered through it, and nothing else. Whatever the order in which
-the map became known, the plan is the same.
+steps, in the order of their ranks (`flood_order`). So a node depends on those with fewer steps only, and when a part of
+the map has changed what is on it is drawn anew, with all that was entered through it (`flood_removal`), and nothing
+else. Whatever the order in which the map became known, the plan is the same.
 """
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from companion.mapping.chunks import Integer, chunk_key
+from companion.mapping.chunks import Integer
 from companion.mapping.lookup import FREE, UNKNOWN
 from companion.mapping.queries.compiled import inner
+from companion.mapping.queries.flood_order import RANK_OF_SIDES, entered_from_mm, is_before, is_taken
+from companion.mapping.queries.flood_removal import remove
+from companion.mapping.queries.flood_work import Work, touch, wait
+from companion.mapping.queries.flown import flown_around, flown_at
 from companion.mapping.queries.plan import (
     CELLS,
     FLOWN,
     KEPT,
-    NONE,
     SIDES,
-    Plan,
-    Shape,
     first_sheet,
     is_node,
     kind_of,
@@ -32,379 +31,6 @@ from companion.mapping.queries.plan import (
     on_tile,
     room_for,
 )
-from companion.mapping.queries.state_grid import Grid, slot_of
-
-MOST_STEPS = 60_000
-"""A flood ends so many cells from where the vehicle was."""
-
-MOST_TASKS = 2**20
-"""Cells that may wait at once to be looked at."""
-
-WIDEST = 15
-"""Cells around a place flown that may be free because of it: they lie on its tile or on the next one."""
-
-_RANK_OF_SIDES = 60_000
-"""Who was so near that it must be free comes before who is beside a free node."""
-
-
-class Tasks(NamedTuple):
-    """Cells that wait to be looked at, by the number of steps at which something may enter them.
-
-    Attributes:
-        heads: (MOST_STEPS + 2,) int32, the last task of these steps, or -1.
-        nexts: (MOST_TASKS,) int32, the one before it.
-        cells: (MOST_TASKS, 2) int32.
-        state: (4,) int64: tasks in use or given back, the last one that was given back or -1, most steps of a task,
-            1 when there was no room for a task.
-    """
-
-    heads: NDArray[np.int32]
-    nexts: NDArray[np.int32]
-    cells: NDArray[np.int32]
-    state: NDArray[np.int64]
-
-
-def no_tasks() -> Tasks:
-    """Nothing waits."""
-    return Tasks(
-        np.full(MOST_STEPS + 2, -1, np.int32),
-        np.zeros(MOST_TASKS, np.int32),
-        np.zeros((MOST_TASKS, 2), np.int32),
-        np.array([0, -1, 0, 0], np.int64),
-    )
-
-
-class Work(NamedTuple):
-    """What the functions of the flood have in common.
-
-    Attributes:
-        grid: the map.
-        plan: is kept right.
-        shape: its numbers.
-        tasks: what is to be done.
-        circle: (n, 2) int64, the cells around a place flown that are free because the vehicle was there, near ones
-            first and without the place itself; none further than `WIDEST` along x or y.
-        near: (n, 2) int64, room for the places flown around a cell.
-        touched: (MOST_SHEETS,) bool, is set for the first sheet of each tile on which something became different.
-    """
-
-    grid: Grid
-    plan: Plan
-    shape: Shape
-    tasks: Tasks
-    circle: NDArray[np.int64]
-    near: NDArray[np.int64]
-    touched: NDArray[np.bool_]
-
-
-@inner
-def _touch(work: Work, i: Integer, j: Integer) -> None:
-    sheet = first_sheet(work.plan, i, j)
-    if sheet >= 0:
-        work.touched[sheet] = True
-
-
-@inner
-def _wait(tasks: Tasks, steps: Integer, i: Integer, j: Integer) -> None:
-    """Have cell (i, j) looked at for what enters it with this number of steps."""
-    if steps > MOST_STEPS:
-        return
-    task = tasks.state[1]
-    if task >= 0:
-        tasks.state[1] = tasks.nexts[task]
-    elif tasks.state[0] < tasks.nexts.shape[0]:
-        task = tasks.state[0]
-        tasks.state[0] += 1
-    else:
-        tasks.state[3] = 1
-        return
-    tasks.cells[task, 0], tasks.cells[task, 1] = i, j
-    tasks.nexts[task] = tasks.heads[steps]
-    tasks.heads[steps] = task
-    tasks.state[2] = max(tasks.state[2], steps)
-
-
-@inner
-def _from_mm(plan: Plan, node: Integer) -> int:
-    return int(plan.heights_mm[node]) - int(plan.rises_mm[node])
-
-
-@inner
-def _is_before(plan: Plan, node: Integer, steps: Integer, rank: Integer, from_mm: Integer) -> bool:
-    """Whether a node comes before one that would be entered like this, or is that one."""
-    if plan.steps[node] != steps:
-        return bool(plan.steps[node] < steps)
-    if plan.ranks[node] != rank:
-        return bool(plan.ranks[node] < rank)
-    return bool(_from_mm(plan, node) <= from_mm)
-
-
-@inner
-def _ask_again(work: Work, i: Integer, j: Integer) -> None:
-    """Have cell (i, j) looked at for all that may enter it."""
-    plan = work.plan
-    for side in range(4):
-        a, b = i - SIDES[side, 0], j - SIDES[side, 1]
-        sheet = first_sheet(plan, a, b)
-        place = on_tile(a, b)
-        while sheet >= 0:
-            node = sheet * CELLS + place
-            if is_node(plan, node) and kind_of(plan, node) == FREE:
-                _wait(work.tasks, np.int64(plan.steps[node]) + 1, i, j)
-            sheet = int(plan.others[sheet])
-    # The rest of the room may be in use: nodes are removed while others enter.
-    if _flown_around(plan, work.circle, i, j, work.near[work.near.shape[0] - 10 :], 1) > 0:
-        _wait(work.tasks, 2, i, j)
-
-
-@inner
-def _flown_around(
-    plan: Plan, circle: NDArray[np.int64], i: Integer, j: Integer, near: NDArray[np.int64], most: Integer
-) -> int:
-    """Find nodes in the circle around cell (i, j) where the vehicle was, in the order of their ranks.
-
-    One loop over the arrays themselves: a call for each cell of the circle would take ten times as long.
-
-    Args:
-        plan: the plan.
-        circle: see `Work`.
-        i: the cell.
-        j: the cell.
-        near: (n + 9, 2) is filled with nodes and their ranks; the last nine are used to work in.
-        most: as many as are wanted.
-
-    Returns:
-        How many there are.
-    """
-    steps, others, keys, firsts = plan.steps, plan.others, plan.keys, plan.firsts
-    blocks = near[near.shape[0] - 9 :, 0]
-    for n in range(9):
-        key = chunk_key((i >> 4) + n // 3 - 1, (j >> 4) + n % 3 - 1, 0)
-        slot = slot_of(keys, key)
-        blocks[n] = firsts[slot] if keys[slot] == key else -1
-    count = 0
-    for n in range(circle.shape[0]):
-        a, b = i - circle[n, 0], j - circle[n, 1]
-        sheet = blocks[3 * ((a >> 4) - (i >> 4) + 1) + (b >> 4) - (j >> 4) + 1]
-        place = (a & 15) << 4 | (b & 15)
-        while sheet >= 0:
-            if steps[sheet * CELLS + place] == 1:
-                near[count, 0], near[count, 1] = sheet * CELLS + place, n + 1
-                count += 1
-                if count == most:
-                    return count
-            sheet = np.int64(others[sheet])
-    return count
-
-
-@inner
-def _flown_on(plan: Plan, i: Integer, j: Integer, after: Integer) -> int:
-    """The next node on cell (i, j) where the vehicle was, in the order of their sheets, or -1."""
-    sheet = first_sheet(plan, i, j)
-    place = on_tile(i, j)
-    passed = after < 0
-    while sheet >= 0:
-        node = sheet * CELLS + place
-        if passed and is_node(plan, node) and plan.flags[node] & FLOWN:
-            return node
-        passed = passed or node == after
-        sheet = int(plan.others[sheet])
-    return -1
-
-
-@njit(cache=True, nogil=True)
-def flown_at(plan: Plan, i: Integer, j: Integer, height_mm: Integer, level_mm: Integer) -> int:
-    """The node on cell (i, j) where the vehicle was at about this height, or -1."""
-    node = _flown_on(plan, i, j, -1)
-    while node >= 0 and abs(plan.heights_mm[node] - height_mm) >= level_mm:
-        node = _flown_on(plan, i, j, node)
-    return node
-
-
-@inner
-def _remove(work: Work, node: Integer) -> None:
-    """Take away a node, all on its cell that come after it, and all that was entered through them."""
-    plan, circle = work.plan, work.circle
-    waiting = np.empty(64, np.int64)
-    removed = np.empty(64, np.int64)
-    waiting[0] = node
-    count, gone = 1, 0
-    while count > 0:
-        count -= 1
-        at = waiting[count]
-        if not is_node(plan, at):
-            continue
-        sheet, place = at // CELLS, at % CELLS
-        i, j = plan.corners[sheet, 0] + (place >> 4), plan.corners[sheet, 1] + (place & 15)
-        steps, rank, from_mm = np.int64(plan.steps[at]), np.int64(plan.ranks[at]), _from_mm(plan, at)
-        height_mm = np.int64(plan.heights_mm[at])
-        flown = bool(plan.flags[at] & FLOWN)
-        plan.steps[at], plan.flags[at] = NONE, 0
-        _touch(work, i, j)
-        if gone == removed.shape[0]:
-            removed = np.concatenate((removed, np.empty_like(removed)))
-        removed[gone] = at
-        gone += 1
-        around = 4 + (circle.shape[0] if flown else 0)
-        for n in range(-1, around):
-            if n < 0:
-                a, b, its_rank = i, j, -1
-            elif n < 4:
-                a, b, its_rank = i + SIDES[n, 0], j + SIDES[n, 1], _RANK_OF_SIDES + n
-            else:
-                a, b, its_rank = i + circle[n - 4, 0], j + circle[n - 4, 1], n - 3
-            other = first_sheet(plan, a, b)
-            its_place = on_tile(a, b)
-            while other >= 0:
-                its = other * CELLS + its_place
-                if is_node(plan, its) and not plan.flags[its] & FLOWN:
-                    if n < 0:
-                        follows = not _is_before(plan, its, steps, rank, from_mm)
-                    else:
-                        follows = (
-                            plan.steps[its] == steps + 1
-                            and plan.ranks[its] == its_rank
-                            and _from_mm(plan, its) == height_mm
-                        )
-                    if follows:
-                        if count == waiting.shape[0]:
-                            waiting = np.concatenate((waiting, np.empty_like(waiting)))
-                        waiting[count] = its
-                        count += 1
-                other = int(plan.others[other])
-    for n in range(gone):
-        sheet, place = removed[n] // CELLS, removed[n] % CELLS
-        _ask_again(work, plan.corners[sheet, 0] + (place >> 4), plan.corners[sheet, 1] + (place & 15))
-
-
-@inner
-def _spread(work: Work, node: Integer, i: Integer, j: Integer) -> None:
-    """Have the cells beside a free node looked at."""
-    plan = work.plan
-    steps = np.int64(plan.steps[node]) + 1
-    height_mm = np.int64(plan.heights_mm[node])
-    for side in range(4):
-        a, b = i + SIDES[side, 0], j + SIDES[side, 1]
-        if not _is_taken(plan, work.shape, a, b, steps, _RANK_OF_SIDES + side, height_mm):
-            _wait(work.tasks, steps, a, b)
-
-
-@inner
-def _is_taken(plan: Plan, s: Shape, i: Integer, j: Integer, steps: Integer, rank: Integer, from_mm: Integer) -> bool:
-    """Whether cell (i, j) has a node on this level that comes before one that would be entered like this."""
-    sheet = first_sheet(plan, i, j)
-    place = on_tile(i, j)
-    while sheet >= 0:
-        node = sheet * CELLS + place
-        if (
-            is_node(plan, node)
-            and abs(plan.heights_mm[node] - from_mm) < s.level_mm
-            and _is_before(plan, node, steps, rank, from_mm)
-        ):
-            return True
-        sheet = int(plan.others[sheet])
-    return False
-
-
-@inner
-def _enter(work: Work, i: Integer, j: Integer, steps: Integer, rank: Integer, from_mm: Integer) -> None:
-    """Make a node on cell (i, j), unless one that comes before it is there; those that come after it go."""
-    plan, s = work.plan, work.shape
-    if _is_taken(plan, s, i, j, steps, rank, from_mm):
-        return
-    place = on_tile(i, j)
-    sheet = first_sheet(plan, i, j)
-    while sheet >= 0:
-        node = sheet * CELLS + place
-        comes_after = is_node(plan, node) and not _is_before(plan, node, steps, rank, from_mm)
-        if comes_after and not plan.flags[node] & FLOWN:
-            _remove(work, node)
-        sheet = int(plan.others[sheet])
-    node = room_for(plan, i, j)
-    if node < 0:
-        return
-    flown, kept = bool(steps == 1), bool(rank < _RANK_OF_SIDES)
-    height_mm, kind = measure(work.grid, s, i, j, from_mm, flown)
-    plan.heights_mm[node], plan.rises_mm[node] = height_mm, height_mm - from_mm
-    plan.steps[node], plan.ranks[node] = steps, rank
-    plan.flags[node] = FLOWN if flown else KEPT if kept else 0
-    plan.kinds[node] = _known(kind, flown, kept)
-    _touch(work, i, j)
-    if kind_of(plan, node) == FREE:
-        _spread(work, node, i, j)
-
-
-@inner
-def _known(kind: Integer, flown: bool, kept: bool) -> int:
-    """The same, where the vehicle was free: whoever has been there knows it."""
-    return int(kind & ~3 | FREE) if flown or (kept and kind & 3 == UNKNOWN) else int(kind)
-
-
-@inner
-def _look(work: Work, i: Integer, j: Integer, steps: Integer) -> None:
-    """Let all enter cell (i, j) that do so with this number of steps, in the order of their ranks and heights."""
-    plan = work.plan
-    if steps == 2:
-        near = work.near[: work.near.shape[0] - 10]
-        for n in range(_flown_around(plan, work.circle, i, j, near, near.shape[0] - 9)):
-            _enter(work, i, j, steps, near[n, 1], np.int64(plan.heights_mm[near[n, 0]]))
-    for side in range(4):
-        a, b = i - SIDES[side, 0], j - SIDES[side, 1]
-        place = on_tile(a, b)
-        last_mm = np.int64(-(2**40))
-        while True:
-            # The lowest that was not yet.
-            lowest_mm = np.int64(2**40)
-            sheet = first_sheet(plan, a, b)
-            while sheet >= 0:
-                node = sheet * CELLS + place
-                if plan.steps[node] == steps - 1 and is_node(plan, node) and kind_of(plan, node) == FREE:
-                    height_mm = np.int64(plan.heights_mm[node])
-                    if height_mm > last_mm:
-                        lowest_mm = min(lowest_mm, height_mm)
-                sheet = int(plan.others[sheet])
-            if lowest_mm == 2**40:
-                break
-            _enter(work, i, j, steps, _RANK_OF_SIDES + side, lowest_mm)
-            last_mm = lowest_mm
-
-
-@inner
-def _measure_again(work: Work, i: Integer, j: Integer) -> None:
-    """Bring the nodes on cell (i, j) up to date with the map."""
-    plan = work.plan
-    place = on_tile(i, j)
-    sheet = first_sheet(plan, i, j)
-    while sheet >= 0:
-        node = sheet * CELLS + place
-        if is_node(plan, node):
-            flown, kept = bool(plan.flags[node] & FLOWN), bool(plan.flags[node] & KEPT)
-            height_mm, kind = measure(work.grid, work.shape, i, j, _from_mm(plan, node), flown)
-            kind = _known(kind, flown, kept)
-            was = np.int64(plan.kinds[node])
-            if height_mm != plan.heights_mm[node] or (kind & 3 == FREE) != (was & 3 == FREE):
-                _remove(work, node)
-            elif kind != was:
-                plan.kinds[node] = kind
-                _touch(work, i, j)
-        sheet = int(plan.others[sheet])
-
-
-@inner
-def _settle(work: Work) -> None:
-    """Do what waits, fewest steps first, until nothing does."""
-    tasks = work.tasks
-    steps = 0
-    while steps <= tasks.state[2]:
-        while tasks.heads[steps] >= 0:
-            task = np.int64(tasks.heads[steps])
-            tasks.heads[steps] = tasks.nexts[task]
-            i, j = np.int64(tasks.cells[task, 0]), np.int64(tasks.cells[task, 1])
-            tasks.nexts[task] = tasks.state[1]
-            tasks.state[1] = task
-            _look(work, i, j, steps)
-        steps += 1
-    tasks.state[2] = 0
 
 
 @njit(cache=True, nogil=True)
@@ -438,6 +64,13 @@ def add_flown(work: Work, places: NDArray[np.int64]) -> NDArray[np.int64]:
     return nodes
 
 
+@njit(cache=True, nogil=True)
+def remove_flown(work: Work, node: Integer) -> None:
+    """Have the flood begin no longer at a node that `add_flown` made."""
+    remove(work, node)
+    _settle(work)
+
+
 @inner
 def _fly(work: Work, i: int, j: int, height_mm: int) -> int:
     plan, s, circle = work.plan, work.shape, work.circle
@@ -448,20 +81,126 @@ def _fly(work: Work, i: int, j: int, height_mm: int) -> int:
     while sheet >= 0:
         node = sheet * CELLS + place
         if is_node(plan, node) and not plan.flags[node] & FLOWN:
-            _remove(work, node)
+            remove(work, node)
         sheet = int(plan.others[sheet])
     _enter(work, i, j, 1, 0, height_mm)
     made = flown_at(plan, i, j, height_mm, s.level_mm)
     if made >= 0:
         for n in range(circle.shape[0]):
             a, b = i + circle[n, 0], j + circle[n, 1]
-            if not _is_taken(plan, s, a, b, 2, n + 1, height_mm):
-                _wait(work.tasks, 2, a, b)
+            if not is_taken(plan, s, a, b, 2, n + 1, height_mm):
+                wait(work.tasks, 2, a, b)
     return made
 
 
-@njit(cache=True, nogil=True)
-def remove_flown(work: Work, node: Integer) -> None:
-    """Have the flood begin no longer at a node that `add_flown` made."""
-    _remove(work, node)
-    _settle(work)
+@inner
+def _measure_again(work: Work, i: Integer, j: Integer) -> None:
+    """Bring the nodes on cell (i, j) up to date with the map."""
+    plan = work.plan
+    place = on_tile(i, j)
+    sheet = first_sheet(plan, i, j)
+    while sheet >= 0:
+        node = sheet * CELLS + place
+        if is_node(plan, node):
+            flown, kept = bool(plan.flags[node] & FLOWN), bool(plan.flags[node] & KEPT)
+            height_mm, kind = measure(work.grid, work.shape, i, j, entered_from_mm(plan, node), flown)
+            kind = _known(kind, flown, kept)
+            was = np.int64(plan.kinds[node])
+            if height_mm != plan.heights_mm[node] or (kind & 3 == FREE) != (was & 3 == FREE):
+                remove(work, node)
+            elif kind != was:
+                plan.kinds[node] = kind
+                touch(work, i, j)
+        sheet = int(plan.others[sheet])
+
+
+@inner
+def _settle(work: Work) -> None:
+    """Do what waits, fewest steps first, until nothing does."""
+    tasks = work.tasks
+    steps = 0
+    while steps <= tasks.state[2]:
+        while tasks.heads[steps] >= 0:
+            task = np.int64(tasks.heads[steps])
+            tasks.heads[steps] = tasks.nexts[task]
+            i, j = np.int64(tasks.cells[task, 0]), np.int64(tasks.cells[task, 1])
+            tasks.nexts[task] = tasks.state[1]
+            tasks.state[1] = task
+            _look(work, i, j, steps)
+        steps += 1
+    tasks.state[2] = 0
+
+
+@inner
+def _look(work: Work, i: Integer, j: Integer, steps: Integer) -> None:
+    """Let all enter cell (i, j) that do so with this number of steps, in the order of their ranks and heights."""
+    plan = work.plan
+    if steps == 2:
+        near = work.near[: work.near.shape[0] - 10]
+        for n in range(flown_around(plan, work.circle, i, j, near, near.shape[0] - 9)):
+            _enter(work, i, j, steps, near[n, 1], np.int64(plan.heights_mm[near[n, 0]]))
+    for side in range(4):
+        a, b = i - SIDES[side, 0], j - SIDES[side, 1]
+        place = on_tile(a, b)
+        last_mm = np.int64(-(2**40))
+        while True:
+            # The lowest that was not yet.
+            lowest_mm = np.int64(2**40)
+            sheet = first_sheet(plan, a, b)
+            while sheet >= 0:
+                node = sheet * CELLS + place
+                if plan.steps[node] == steps - 1 and is_node(plan, node) and kind_of(plan, node) == FREE:
+                    height_mm = np.int64(plan.heights_mm[node])
+                    if height_mm > last_mm:
+                        lowest_mm = min(lowest_mm, height_mm)
+                sheet = int(plan.others[sheet])
+            if lowest_mm == 2**40:
+                break
+            _enter(work, i, j, steps, RANK_OF_SIDES + side, lowest_mm)
+            last_mm = lowest_mm
+
+
+@inner
+def _enter(work: Work, i: Integer, j: Integer, steps: Integer, rank: Integer, from_mm: Integer) -> None:
+    """Make a node on cell (i, j), unless one that comes before it is there; those that come after it go."""
+    plan, s = work.plan, work.shape
+    if is_taken(plan, s, i, j, steps, rank, from_mm):
+        return
+    place = on_tile(i, j)
+    sheet = first_sheet(plan, i, j)
+    while sheet >= 0:
+        node = sheet * CELLS + place
+        comes_after = is_node(plan, node) and not is_before(plan, node, steps, rank, from_mm)
+        if comes_after and not plan.flags[node] & FLOWN:
+            remove(work, node)
+        sheet = int(plan.others[sheet])
+    node = room_for(plan, i, j)
+    if node < 0:
+        return
+    flown, kept = bool(steps == 1), bool(rank < RANK_OF_SIDES)
+    height_mm, kind = measure(work.grid, s, i, j, from_mm, flown)
+    plan.heights_mm[node], plan.rises_mm[node] = height_mm, height_mm - from_mm
+    plan.steps[node], plan.ranks[node] = steps, rank
+    plan.flags[node] = FLOWN if flown else KEPT if kept else 0
+    plan.kinds[node] = _known(kind, flown, kept)
+    touch(work, i, j)
+    if kind_of(plan, node) == FREE:
+        _spread(work, node, i, j)
+
+
+@inner
+def _known(kind: Integer, flown: bool, kept: bool) -> int:
+    """The same, where the vehicle was free: whoever has been there knows it."""
+    return int(kind & ~3 | FREE) if flown or (kept and kind & 3 == UNKNOWN) else int(kind)
+
+
+@inner
+def _spread(work: Work, node: Integer, i: Integer, j: Integer) -> None:
+    """Have the cells beside a free node looked at."""
+    plan = work.plan
+    steps = np.int64(plan.steps[node]) + 1
+    height_mm = np.int64(plan.heights_mm[node])
+    for side in range(4):
+        a, b = i + SIDES[side, 0], j + SIDES[side, 1]
+        if not is_taken(plan, work.shape, a, b, steps, RANK_OF_SIDES + side, height_mm):
+            wait(work.tasks, steps, a, b)

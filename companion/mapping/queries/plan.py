@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from companion.mapping.chunks import MASK, SHIFT, Integer, chunk_key, place_of
 from companion.mapping.lookup import FREE, OCCUPIED, UNKNOWN
 from companion.mapping.queries.compiled import inner
+from companion.mapping.queries.plan_shape import Shape
 from companion.mapping.queries.state_grid import Grid, brick_words, has, row_of, slot_of
 
 TILE = 16
@@ -38,36 +39,6 @@ NONE, PROBE = np.uint16(0), np.uint16(65535)
 FLOWN, KEPT, BLOCKED, AT_WALL, FRONTIER, MARKED = (np.uint8(1 << n) for n in range(6))
 """Flags of a node: the vehicle was here; it was so near that this must be free; an obstacle is nearer than d_s; it may
 be the undecided surface of a wall; it belongs to a frontier; the search that is running was here."""
-
-
-class Shape(NamedTuple):
-    """The numbers of a plan. Those without a unit are voxels.
-
-    Attributes:
-        voxel_mm: edge of a voxel.
-        stride: voxels along one edge of a cell.
-        height_mm: H.
-        most_mm: so much higher or lower than the node before it a node is at most.
-        level_mm: nodes of one cell within this height are the same.
-        half: what is this much above or below the centre of the vehicle is in its way.
-        gap: so many unknown voxels may lie before a floor or a roof.
-        below: voxels of a column that are read below the vehicle.
-        above: and above it.
-        up: the roof counts up to so far above the slab.
-        down: the floor counts down to so far below it.
-    """
-
-    voxel_mm: float
-    stride: int
-    height_mm: int
-    most_mm: int
-    level_mm: int
-    half: int
-    gap: int
-    below: int
-    above: int
-    up: int
-    down: int
 
 
 class Plan(NamedTuple):
@@ -123,6 +94,14 @@ def empty_plan() -> Plan:
 
 SIDES = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
 """From a cell to the four beside it."""
+
+
+def cells_within(radius_cells: float) -> NDArray[np.int64]:
+    """(n, 2) cells in a circle around one, near ones first."""
+    rim = math.floor(radius_cells)
+    cells = [(a * a + b * b, a, b) for a in range(-rim, rim + 1) for b in range(-rim, rim + 1)]
+    inside = [cell[1:] for cell in sorted(cells) if cell[0] <= radius_cells * radius_cells]
+    return np.array(inside, np.int64).reshape(-1, 2)
 
 
 @inner

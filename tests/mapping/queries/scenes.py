@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from companion.mapping import FREE, OCCUPIED, UNKNOWN, MapSnapshot
 from companion.mapping.chunks import OFFSETS
+from companion.mapping.queries.frontier import Reach
 
 Dense = NDArray[np.uint8]
+
+REACH = Reach(
+    height_m=1.5,
+    margin_m=1.0,
+    critical_margin_m=0.7,
+    half_slab_m=0.4,
+    max_slope=0.7,
+    look_m=6.0,
+    up_rad=math.radians(28.5),
+    down_rad=math.radians(28.5),
+)
+"""What the vehicle of these tests can do."""
 
 
 def snapshot(dense: Dense, voxel_m: float = 0.1) -> MapSnapshot:

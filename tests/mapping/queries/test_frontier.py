@@ -3,27 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from companion.mapping import FREE, OCCUPIED, UNKNOWN, MapSnapshot
-from companion.mapping.queries.frontier import SETTLED_S, Judge, Reach, Survey
+from companion.mapping.queries.frontier import SETTLED_S, Judge, Survey
 from companion.mapping.queries.surveyor import survey
-from tests.mapping.queries.scenes import room, snapshot
-
-REACH = Reach(
-    height_m=1.5,
-    margin_m=1.0,
-    critical_margin_m=0.7,
-    half_slab_m=0.4,
-    max_slope=0.7,
-    look_m=6.0,
-    up_rad=math.radians(28.5),
-    down_rad=math.radians(28.5),
-)
+from tests.mapping.queries.scenes import REACH, room, snapshot
 
 
 def flown(*places: tuple[float, float, float]) -> NDArray[np.float64]:

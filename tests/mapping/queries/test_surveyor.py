@@ -12,8 +12,7 @@ from companion.mapping import FREE, OCCUPIED, UNKNOWN, MapSnapshot
 from companion.mapping.queries.frontier import Access, Judge, Survey
 from companion.mapping.queries.surveyor import Surveyor, survey
 from companion.model import FloatArray
-from tests.mapping.queries.scenes import Dense, room, snapshot, some_chunks
-from tests.mapping.queries.test_frontier import REACH
+from tests.mapping.queries.scenes import REACH, Dense, room, snapshot, some_chunks
 
 
 def _mine(seed: int) -> Dense:
