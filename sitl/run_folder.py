@@ -73,9 +73,7 @@ def write_run(folder: Path, simulation: Simulation, preset: str, config: Path | 
         flight.log.write_csv(folder / name)
     write_map(voxels, folder)
     with Journal.open(folder / JOURNAL_NAME, Header.of(settings.mapping)) as journal:
-        for piece in voxels.pieces():
-            journal.append(piece)
-        journal.commit()
+        journal.append_all(voxels)
     settings_yaml = dump_yaml(settings)
     (folder / "settings.yaml").write_text(settings_yaml, encoding="utf-8")
     (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +18,28 @@ Colour = tuple[int, int, int]
 TEXT_PX, TITLE_PX = 17, 27
 
 _TICK_PX = 6
-_TICKS_APART_PX = 85.0
+_ROWS_APART_PX = 45.0
+_COLUMNS_APART_PX = 45.0, 85.0, 130.0, 200.0
+"""Between numbers below each other, and beside each other: the least of these for which they do not touch."""
+
+_BETWEEN_PX = 20
 
 
 def round_step(least: float) -> float:
     """The smallest of 1, 2, 5, 10 ... (and 0.5, 0.2 ...) that is at least ``least``."""
     power = 10.0 ** math.floor(math.log10(least))
     return power * next(step for step in (1.0, 2.0, 5.0, 10.0) if step * power >= least * (1.0 - 1e-9))
+
+
+def text_width(words: str, size: int = TEXT_PX) -> int:
+    """Pixels that a line takes."""
+    return math.ceil(_font(size).getlength(words))
+
+
+@cache
+def _font(size: int) -> ImageFont.ImageFont | ImageFont.FreeTypeFont:
+    """Comes with Pillow, so that a picture looks the same everywhere; it knows hardly more than ASCII."""
+    return ImageFont.load_default(size)
 
 
 class Axis:
@@ -46,11 +62,25 @@ class Axis:
         """The pixel of a coordinate."""
         return self._start_px + (place_m - self.low_m) * self._px_per_m
 
-    def ticks_m(self) -> list[float]:
-        """Round coordinates, far enough from each other that their numbers do not touch."""
-        step = round_step(_TICKS_APART_PX / abs(self._px_per_m))
+    def ticks_m(self, apart_px: float) -> list[float]:
+        """Round coordinates, at least so far from each other."""
+        step = round_step(apart_px / abs(self._px_per_m))
         first, last = math.ceil(self.low_m / step - 1e-6), math.floor(self.high_m / step + 1e-6)
         return [step * n for n in range(first, last + 1)]
+
+
+def ticks_in_a_row(axis: Axis) -> list[float]:
+    """Ticks with their numbers in a row."""
+    for apart_px in _COLUMNS_APART_PX:
+        ticks = axis.ticks_m(apart_px)
+        if all(text_width(number(tick_m)) + _BETWEEN_PX <= apart_px for tick_m in ticks):
+            break
+    return ticks
+
+
+def number(tick_m: float) -> str:
+    """What is written at a tick."""
+    return f"{tick_m:.12g}"
 
 
 class Paper:
@@ -59,20 +89,18 @@ class Paper:
     def __init__(self, width_px: int, height_px: int) -> None:
         self.image = Image.new("RGB", (width_px, height_px), "white")
         self._draw = ImageDraw.Draw(self.image)
-        # Comes with Pillow, so that a picture looks the same everywhere; it knows hardly more than ASCII.
-        self._fonts = {size: ImageFont.load_default(size) for size in (TEXT_PX, TITLE_PX)}
 
     def text(
         self, x: float, y: float, words: str, size: int = TEXT_PX, colour: Colour = INK, anchor: str = "la"
     ) -> None:
         """Write a line; ``anchor`` as Pillow has it: left, middle, right, and ascender, middle, descender."""
-        self._draw.text((x, y), words, fill=colour, font=self._fonts[size], anchor=anchor)
+        self._draw.text((x, y), words, fill=colour, font=_font(size), anchor=anchor)
 
     def text_up(self, x: float, y: float, words: str) -> None:
         """Write a line upwards, its middle at (x, y)."""
-        left, top, right, bottom = (round(edge) for edge in self._fonts[TEXT_PX].getbbox(words))
+        left, top, right, bottom = (round(edge) for edge in _font(TEXT_PX).getbbox(words))
         strip = Image.new("RGB", (right - left + 4, bottom - top + 4), "white")
-        ImageDraw.Draw(strip).text((2 - left, 2 - top), words, fill=INK, font=self._fonts[TEXT_PX])
+        ImageDraw.Draw(strip).text((2 - left, 2 - top), words, fill=INK, font=_font(TEXT_PX))
         turned = strip.rotate(90, expand=True)
         self.image.paste(turned, (round(x - turned.width / 2), round(y - turned.height / 2)))
 
@@ -105,15 +133,15 @@ class Paper:
         left, right = sorted((round(x.at(x.low_m)), round(x.at(x.high_m))))
         top, bottom = sorted((round(y.at(y.low_m)), round(y.at(y.high_m))))
         self._draw.rectangle((left - 1, top - 1, right, bottom), outline=FAINT)
-        for tick_m in x.ticks_m():
+        for tick_m in ticks_in_a_row(x):
             self.line([(x.at(tick_m), bottom), (x.at(tick_m), bottom + _TICK_PX)], FAINT)
-            self.text(x.at(tick_m), bottom + _TICK_PX + 3, f"{tick_m:.12g}", colour=FAINT, anchor="ma")
+            self.text(x.at(tick_m), bottom + _TICK_PX + 3, number(tick_m), colour=FAINT, anchor="ma")
         self.text((left + right) / 2, bottom + _TICK_PX + 5 + TEXT_PX, x_name, anchor="ma")
         if y_name is None:
             return
-        for tick_m in y.ticks_m():
+        for tick_m in y.ticks_m(_ROWS_APART_PX):
             self.line([(left - _TICK_PX, y.at(tick_m)), (left, y.at(tick_m))], FAINT)
-            self.text(left - _TICK_PX - 4, y.at(tick_m), f"{tick_m:.12g}", colour=FAINT, anchor="rm")
+            self.text(left - _TICK_PX - 4, y.at(tick_m), number(tick_m), colour=FAINT, anchor="rm")
         self.text_up(left - 66, (top + bottom) / 2, y_name)
 
     def scale_bar(self, x: float, y: float, px_per_m: float) -> float:
@@ -124,4 +152,4 @@ class Paper:
             edges = (x + part * (end - x) / 4, y - 5, x + (part + 1) * (end - x) / 4, y + 5)
             self.box(edges, INK if part % 2 == 0 else (255, 255, 255), INK)
         self.text(end + 10, y, f"{length_m:g} m", anchor="lm")
-        return end + 10 + self._fonts[TEXT_PX].getlength(f"{length_m:g} m")
+        return end + 10 + text_width(f"{length_m:g} m")

@@ -6,7 +6,6 @@ stand out, and its colour is the mean height of what is occupied in it. The sect
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from companion.ground.paper import FAINT, MARK, TITLE_PX, Axis, Paper
-from companion.ground.voxels import PackedVoxels, State
+from companion.ground.paper import FAINT, MARK, TITLE_PX, Axis, Paper, text_width
+from companion.ground.voxels import PIECE, PackedVoxels, State
 from companion.mapping.chunks import SHIFT
 from companion.mapping.files.colours import viridis
+from companion.mapping.files.export import Progress, silent
 from companion.mapping.files.whole import whole_file
 from companion.model import FloatArray
 
@@ -48,7 +48,9 @@ class _Raster:
     height_m: FloatArray
 
 
-def write_picture(voxels: PackedVoxels, title: str, ways: list[FloatArray], path: Path) -> None:
+def write_picture(
+    voxels: PackedVoxels, title: str, ways: list[FloatArray], path: Path, progress: Progress = silent
+) -> None:
     """Write a PNG with a plan, a section along x and one along y; whole or not at all.
 
     Args:
@@ -56,12 +58,13 @@ def write_picture(voxels: PackedVoxels, title: str, ways: list[FloatArray], path
         title: the first line of the picture.
         ways: (n, 3) positions in m of each way flown.
         path: the file.
+        progress: takes the share of the work done, 0 to 1, from time to time.
 
     Raises:
         OSError: the file cannot be written.
     """
     sheet = _Sheet(voxels)
-    picture = sheet.draw(title, ways)
+    picture = sheet.draw(title, ways, progress)
     with whole_file(path) as file:
         picture.save(file, format="PNG")
 
@@ -73,38 +76,47 @@ class _Sheet:
         self._voxels = voxels
         self._low, high = _bounds(voxels)
         size = high - self._low
-        # Coarser cells where a pixel would be smaller than a voxel.
-        self._cell = max(math.ceil(size[0] / PLAN_PX[0]), math.ceil(size[1] / PLAN_PX[1]))
-        self._cells = -(-size // self._cell)
-        self._cell_m = self._cell * voxels.voxel_m
         self._low_m = self._low * voxels.voxel_m
-        self._size_m = self._cells * self._cell_m
-        room_px = np.array([*PLAN_PX, SECTION_PX[1]])
-        self._px_per_m = float(np.min(room_px / self._size_m))
+        self._size_m = size * voxels.voxel_m
+        self._px_per_m = float(np.min(np.array([*PLAN_PX, SECTION_PX[1]]) / self._size_m))
         height_px = self._size_m[2] * self._px_per_m
-        allowed = [times for times in _STRETCHES if times * height_px <= SECTION_PX[1]]
+        allowed = [times for times in _STRETCHES if times == 1 or times * height_px <= SECTION_PX[1]]
         self._stretch = next((times for times in allowed if times * height_px >= SECTION_PX[0]), allowed[-1])
+        # Coarser cells where a pixel would be smaller than a voxel.
+        voxel_px = self._px_per_m * voxels.voxel_m * np.array([1, 1, self._stretch])
+        self._cell = np.ceil(1.0 / voxel_px - 1e-9).astype(np.int64)
+        self._cells = -(-size // self._cell)
+        self._frame_m = self._cells * self._cell * voxels.voxel_m
 
-    def draw(self, title: str, ways: list[FloatArray]) -> Image.Image:
+    def draw(self, title: str, ways: list[FloatArray], progress: Progress) -> Image.Image:
         """The picture."""
-        (x_low, y_low, z_low), (x_high, y_high, z_high) = self._low_m, self._low_m + self._size_m
+        (x_low, y_low, z_low), (x_high, y_high, z_high) = self._low_m, self._low_m + self._frame_m
         scale, tall = self._px_per_m, self._px_per_m * self._stretch
-        width, depth = (round(float(size) * scale) for size in self._size_m[:2])
-        height = round(float(self._size_m[2]) * tall)
+        width, depth = (round(float(size) * scale) for size in self._frame_m[:2])
+        height = round(float(self._frame_m[2]) * tall)
         left, top = _MARGIN_PX + _AXIS_PX, _TITLE_PX
         below, beside = top + depth + _BELOW_PX + 30, left + width + 60
         x = Axis(x_low, x_high, left, scale)
         y = Axis(y_low, y_high, top + depth, -scale)
         z_up = Axis(z_low, z_high, below + height, -tall)
         z_right = Axis(z_low, z_high, beside, tall)
-        paper = Paper(
-            max(beside + height + _MARGIN_PX + 20, _LEAST_WIDTH_PX), below + height + _BELOW_PX + _KEY_PX + _MARGIN_PX
-        )
 
-        plan = self._counted(0, 1)
+        plan = self._counted(0, 1, progress=progress)
         # Sections go where they cut the most free space.
         cut_x, cut_y = (self._most_free(plan.free, axis) for axis in (0, 1))
         along, across = self._counted(0, 2, (1, cut_y)), self._counted(1, 2, (0, cut_x))
+        voxel_m = self._voxels.voxel_m
+        at_y, at_x = (cut_y + 0.5) * voxel_m, (cut_x + 0.5) * voxel_m
+        times = "" if self._stretch == 1 else f", heights x {self._stretch}"
+        caption_a, caption_b = f"section A at y = {at_y:.2f} m{times}", f"section B at x = {at_x:.2f} m{times}"
+
+        widest = max(
+            beside + height + 20,
+            beside + text_width(caption_b),
+            left + text_width(caption_a),
+            _MARGIN_PX + text_width(title, TITLE_PX),
+        )
+        paper = Paper(max(widest + _MARGIN_PX, _LEAST_WIDTH_PX), below + height + _BELOW_PX + _KEY_PX + _MARGIN_PX)
         paper.raster(self._seen_through(plan), x, y)
         paper.raster(self._cut(along), x, z_up)
         # Its heights go to the right, so that y stays beside that of the plan.
@@ -116,15 +128,12 @@ class _Sheet:
         paper.axes(x, z_up, "x (m)", "z (m)")
         paper.axes(z_right, y, "z (m)", None)
 
-        voxel_m = self._voxels.voxel_m
-        at_y, at_x = (cut_y + 0.5) * voxel_m, (cut_x + 0.5) * voxel_m
         paper.dashes((left, y.at(at_y)), (left + width, y.at(at_y)))
         paper.dashes((x.at(at_x), top), (x.at(at_x), top + depth))
         paper.text(left + width + 8, y.at(at_y), "A", colour=MARK, anchor="lm")
         paper.text(x.at(at_x), top - 6, "B", colour=MARK, anchor="ms")
-        times = "" if self._stretch == 1 else f", heights x {self._stretch}"
-        paper.text(left, below - 6, f"section A at y = {at_y:.2f} m{times}", anchor="ls")
-        paper.text(beside, top - 6, f"section B at x = {at_x:.2f} m{times}", anchor="ls")
+        paper.text(left, below - 6, caption_a, anchor="ls")
+        paper.text(beside, top - 6, caption_b, anchor="ls")
         self._explain(paper, title, below + height + _BELOW_PX + _KEY_PX // 2, ways)
         return paper.image
 
@@ -134,14 +143,12 @@ class _Sheet:
         occupied, free = voxels.count(State.OCCUPIED), voxels.count(State.FREE)
         extent = " x ".join(f"{size:.1f}" for size in self._size_m)
         paper.text(_MARGIN_PX, 14, title, TITLE_PX)
-        paper.text(
-            _MARGIN_PX,
-            48,
-            f"voxel {voxels.voxel_m:g} m    {occupied:,} occupied, {free:,} free "
-            f"({free * voxels.voxel_m**3:,.0f} cubic m)"
-            f"    extent {extent} m",
-            colour=FAINT,
+        known = (
+            f"{occupied:,} occupied, {free:,} free ({free * voxels.voxel_m**3:,.0f} cubic m)    extent {extent} m"
+            if occupied + free
+            else "nothing is known: no voxel is occupied or free"
         )
+        paper.text(_MARGIN_PX, 48, f"voxel {voxels.voxel_m:g} m    {known}", colour=FAINT)
         x = paper.scale_bar(_MARGIN_PX + 20, at_px, self._px_per_m) + 60
         steps = 220
         bar = np.repeat(viridis(np.linspace(0.0, 1.0, steps))[None], 14, axis=0)
@@ -159,7 +166,9 @@ class _Sheet:
             paper.line([(x + 240, at_px), (x + 264, at_px)], _WAY, 3)
             paper.text(x + 274, at_px, "way flown", anchor="lm")
 
-    def _counted(self, across: int, up: int, cut: tuple[int, int] | None = None) -> _Raster:
+    def _counted(
+        self, across: int, up: int, cut: tuple[int, int] | None = None, progress: Progress = silent
+    ) -> _Raster:
         """The voxels seen along the third axis, all of them, or those whose coordinate ``cut[0]`` is ``cut[1]``."""
         shape = int(self._cells[across]), int(self._cells[up])
         sums = {state: np.zeros(shape[0] * shape[1]) for state in (State.OCCUPIED, State.FREE)}
@@ -167,15 +176,18 @@ class _Sheet:
         voxels = self._voxels
         if cut is not None:
             voxels = voxels.where(voxels.chunks[:, cut[0]] == cut[1] >> SHIFT)
+        done = 0
         for state, total in sums.items():
             for numbers in voxels.numbers(state):
                 seen = numbers if cut is None else numbers[numbers[:, cut[0]] == cut[1]]
-                cells = (seen - self._low) // self._cell
-                place = cells[:, across] * shape[1] + cells[:, up]
+                column, row = ((seen[:, axis] - self._low[axis]) // self._cell[axis] for axis in (across, up))
+                place = column * shape[1] + row
                 total += np.bincount(place, minlength=len(total))
                 if state is State.OCCUPIED:
                     heights = (seen[:, 2] + 0.5) * self._voxels.voxel_m
                     height_m += np.bincount(place, heights, minlength=len(total))
+                done += PIECE
+                progress(min(done / (len(sums) * len(voxels.chunks)), 1.0))
         occupied, free = sums[State.OCCUPIED].reshape(shape), sums[State.FREE].reshape(shape)
         return _Raster(occupied, free, height_m.reshape(shape) / np.maximum(occupied, 1.0))
 
@@ -184,7 +196,7 @@ class _Sheet:
         cut = free.sum(axis=1 - axis)
         # Of many that are as good, the one in the middle.
         good = np.flatnonzero(cut >= 0.95 * cut.max())
-        middle = int(good[len(good) // 2]) * self._cell + self._cell // 2
+        middle = int(good[len(good) // 2]) * self._cell[axis] + self._cell[axis] // 2
         return int(self._low[axis] + middle)
 
     def _shades(self, height_m: FloatArray) -> FloatArray:

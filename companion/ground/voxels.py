@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from companion.mapping.chunks import EDGE, NOTHING, OFFSETS, VOLUME
 from companion.mapping.piece import MapSource
 
-_PIECE = 256
+PIECE = 256
+"""Chunks of which the voxels are given at a time."""
+
 _OCTETS = VOLUME // 8
 
 
@@ -54,8 +56,8 @@ class PackedVoxels:
         """
         edge = 1 << level
         corners = OFFSETS[:: edge**3].astype(np.int32) // edge
-        for first in range(0, len(self.chunks), _PIECE):
-            shown = cubes(self.bits[state, first : first + _PIECE], level, state is State.FREE)
+        for first in range(0, len(self.chunks), PIECE):
+            shown = cubes(self.bits[state, first : first + PIECE], level, state is State.FREE)
             rows, places = np.nonzero(shown)
             yield self.chunks[first + rows] * (EDGE // edge) + corners[places]
 
@@ -78,7 +80,7 @@ def packed(source: MapSource, progress: Callable[[int], None] = lambda _: None) 
     chunks = [np.zeros((0, 3), np.int32)]
     bits = [np.zeros((3, 0, _OCTETS), np.uint8)]
     seen = 0
-    for piece in source.pieces(_PIECE):
+    for piece in source.pieces(PIECE):
         values = piece.values
         known = values != NOTHING
         occupied = known & (values >= source.threshold)

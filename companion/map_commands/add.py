@@ -23,8 +23,6 @@ from companion.mapping.piece import MapSource
 
 TREE_SUFFIX = ".ot"
 
-_PIECE = 256
-
 
 def merge_maps(sources: list[Path], out: Path, *, overwrite: bool) -> None:
     """Add maps into a new journal or .ot file.
@@ -101,20 +99,14 @@ def _indexed(source: MapSource, header: Header, folder: Path, name: str) -> Iter
         return
     with Journal.open(folder, replace(header, threshold=source.threshold)) as copy:
         with Progress(f"reading {Path(name).name}") as progress:
-            for piece in source.pieces(_PIECE):
-                copy.append(piece)
-                progress(None)
+            copy.append_all(source, lambda _: progress(None))
         yield copy
 
 
 def _write_journal(merged: MergedMap, header: Header, folder: Path, out: Path, progress: Progress) -> None:
     """Write a journal beside its place, and move it there when it is whole."""
     with Journal.open(folder, header) as journal:
-        done = 0
-        for piece in merged.pieces(_PIECE):
-            journal.append(piece)
-            done += len(piece.chunks)
-            progress(done / len(merged.chunks))
+        journal.append_all(merged, lambda taken: progress(taken / len(merged.chunks)))
     if not out.exists():
         folder.replace(out)
         return

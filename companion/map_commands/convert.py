@@ -9,16 +9,18 @@ import typer
 from companion.errors import InputError
 from companion.map_commands.progress import Progress
 from companion.map_commands.sources import opened, refuse_target, write_errors
+from companion.mapping.chunks import NOTHING
 from companion.mapping.clip import Box, ClippedMap
 from companion.mapping.files import FORMATS, write
 from companion.mapping.files.mesh import MESH_FORMATS, write_mesh
+from companion.mapping.piece import MapSource
 
 
 def export_map(source: Path, targets: list[Path], *, mesh: bool, box_m: Box | None, overwrite: bool) -> None:
     """Write a map into files; all names are checked before the first is written.
 
     Raises:
-        InputError: the source is no map, a target cannot be, or the box is none.
+        InputError: the source is no map, a target cannot be, or the box is none or has nothing of the map in it.
         CompanionError: a file cannot be written; those before it are there.
     """
     for target in targets:
@@ -27,14 +29,31 @@ def export_map(source: Path, targets: list[Path], *, mesh: bool, box_m: Box | No
     if len({target.resolve() for target in targets}) < len(targets):
         raise InputError("the same target is given twice")
     with opened(source) as whole:
-        try:
-            part = whole if box_m is None else ClippedMap(whole, box_m)
-        except ValueError as error:
-            raise InputError(f"--box {error}") from None
+        part = whole if box_m is None else _inside(whole, box_m)
+        if not _some_reach(part, part.threshold):
+            typer.echo("no voxel is occupied: there are no points and no surface to write", err=True)
         for target in targets:
             with write_errors(target), Progress(f"writing {target.name}") as progress:
                 (write_mesh if _is_mesh(target, mesh=mesh) else write)(part, target, progress)
             typer.echo(f"{target}: {target.stat().st_size:,} bytes")
+
+
+def _inside(whole: MapSource, box_m: Box) -> ClippedMap:
+    try:
+        part = ClippedMap(whole, box_m)
+    except ValueError as error:
+        raise InputError(f"--box {error}") from None
+    if not _some_reach(part, int(NOTHING) + 1):
+        corners = " ".join(f"{bound:g}" for bound in box_m)
+        raise InputError(
+            f"--box {corners}: nothing of the map is in this box; `companion map info` says how far the map reaches"
+        )
+    return part
+
+
+def _some_reach(source: MapSource, least: int) -> bool:
+    """Whether any voxel has this value or more; looks no further than the first."""
+    return any(bool((piece.values >= least).any()) for piece in source.pieces())
 
 
 def _is_mesh(target: Path, *, mesh: bool) -> bool:

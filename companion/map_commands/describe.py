@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from companion.map_commands import wording
 from companion.map_commands.progress import Progress
 from companion.map_commands.sources import map_at, opened
 from companion.mapping.facts import MapFacts, facts_of
@@ -49,7 +50,7 @@ def show_info(path: Path, *, as_json: bool) -> str:
         InputError: it is no map.
     """
     place = map_at(path)
-    with opened(path) as source, Progress("reading the map") as progress:
+    with opened(path, tells_losses=False) as source, Progress("reading the map") as progress:
         info = _info(place, source, progress)
     if as_json:
         return json.dumps(asdict(info) | {"extent_m": info.facts.extent_m}, indent=2)
@@ -80,7 +81,7 @@ def _info(place: Path, source: MapSource, progress: Progress) -> MapInfo:
 def _render(info: MapInfo) -> str:
     facts, header = info.facts, info.header
     rows = [
-        ("map", f"{info.path}, {_size(info.bytes_on_disk)}, written {info.written}"),
+        ("map", f"{info.path}, {wording.size(info.bytes_on_disk)}, written {info.written}"),
         ("voxel", f"{facts.voxel_m:g} m"),
         ("frame", "not said in the file" if header is None else header.frame),
         ("sensor model", _model(info)),
@@ -117,18 +118,14 @@ def _model(info: MapInfo) -> str:
 def _damage(info: MapInfo) -> str:
     words = []
     if info.losses:
-        words.append(f"{info.losses} places cannot be read: {_size(info.lost_bytes)} of the map are lost")
+        words.append(wording.losses(info.losses, info.lost_bytes))
     if info.torn_bytes:
-        words.append(f"its writer was stopped in mid-write ({_size(info.torn_bytes)} cut off, nothing committed lost)")
+        words.append(
+            f"its end is missing ({wording.size(info.torn_bytes)} do not make a record): its writer was stopped in "
+            "mid-write, by which nothing committed is lost, or it was not copied whole"
+        )
     return "; ".join(words) or "none found"
 
 
 def _probability(milli_log_odds: int) -> float:
     return 1.0 / (1.0 + math.exp(-milli_log_odds / 1000.0))
-
-
-def _size(size_bytes: int) -> str:
-    for unit, large in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
-        if size_bytes >= large:
-            return f"{size_bytes / large:.1f} {unit}"
-    return f"{size_bytes} bytes"

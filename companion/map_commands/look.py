@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from pathlib import Path
 
 import typer
@@ -41,8 +42,8 @@ def draw_picture(source: Path, picture: Path, *, overwrite: bool) -> None:
     with opened(source) as voxels, Progress("reading the map") as progress:
         bits = packed(voxels, lambda seen: progress(_share(voxels, seen)))
     ways = trajectories(place.parent)
-    with write_errors(picture):
-        write_picture(bits, _name(source), list(ways.values()), picture)
+    with write_errors(picture), Progress(f"drawing {picture.name}") as progress:
+        write_picture(bits, _name(source), list(ways.values()), picture, progress)
     typer.echo(f"{picture}: {picture.stat().st_size:,} bytes")
 
 
@@ -65,10 +66,15 @@ def show_in_browser(source: Path, host: str, port: int, most_points: int) -> Non
         bits = packed(voxels, lambda seen: progress(_share(voxels, seen)))
     ways = trajectories(place.parent)
     with serve(bits, _name(source), ways, host, port, most_points) as page:
-        typer.echo(f"{source}: open http://{'localhost' if host == '127.0.0.1' else host}:{page.port}; Ctrl-C ends it")
+        typer.echo(f"{source}: open http://{_reached_at(host)}:{page.port}; Ctrl-C ends it")
         if page.note:
             typer.echo(page.note)
         page.wait()
+
+
+def _reached_at(host: str) -> str:
+    """What to type into a browser for the address that is listened at: 0.0.0.0 is no place to go to."""
+    return {"127.0.0.1": "localhost", "0.0.0.0": socket.gethostname()}.get(host, host)  # noqa: S104 - the user asks
 
 
 def _share(source: MapSource, seen: int) -> float | None:

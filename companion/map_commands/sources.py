@@ -7,9 +7,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import typer
+
 from companion.errors import CompanionError, InputError
-from companion.mapping.files import open_map
-from companion.mapping.journal import JOURNAL_NAME, JOURNAL_SUFFIX, Journal
+from companion.map_commands import wording
+from companion.map_commands.progress import Progress
+from companion.mapping.files import MapFileError, open_map
+from companion.mapping.journal import JOURNAL_NAME, JOURNAL_SUFFIX, Journal, JournalError
 from companion.mapping.piece import MapSource
 
 
@@ -40,15 +44,20 @@ def map_at(path: Path) -> Path:
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[MapSource]:
+def opened(path: Path, *, tells_losses: bool = True) -> Iterator[MapSource]:
     """A map to read from.
+
+    Args:
+        path: what the user gave.
+        tells_losses: in the end say on stderr what of the map was damaged: some of it shows only when it is read.
 
     Raises:
         InputError: it is no map.
     """
     place = map_at(path)
     try:
-        source = open_map(place)
+        with Progress(f"opening {place.name}") as progress:
+            source = open_map(place, progress)
     except OSError as error:
         raise InputError(f"{place}: {error.strerror}") from None
     except CompanionError as error:
@@ -56,6 +65,10 @@ def opened(path: Path) -> Iterator[MapSource]:
         raise InputError(str(error)) from None
     try:
         yield source
+        if tells_losses and isinstance(source, Journal):
+            lost = [loss.size_bytes for loss in source.losses if not loss.torn]
+            if lost:
+                typer.echo(f"{place}: {wording.losses(len(lost), sum(lost))}", err=True)
     finally:
         if isinstance(source, Journal):
             source.close()
@@ -65,8 +78,16 @@ def refuse_target(target: Path, sources: list[Path], *, overwrite: bool) -> None
     """Make sure that a target can be written, before an hour of work and not after it.
 
     Raises:
-        InputError: it is one of the sources, is there already, or its folder is missing or closed.
+        InputError: it is one of the sources, is there already, its folder is missing or closed, or no file can have
+            that name.
     """
+    try:
+        _refuse_target(target, sources, overwrite=overwrite)
+    except OSError as error:
+        raise InputError(f"{target}: {error.strerror}; give another name") from None
+
+
+def _refuse_target(target: Path, sources: list[Path], *, overwrite: bool) -> None:
     for source in sources:
         place = map_at(source)
         if target.resolve() in (place.resolve(), source.resolve()) or place.resolve() in target.resolve().parents:
@@ -84,8 +105,14 @@ def refuse_target(target: Path, sources: list[Path], *, overwrite: bool) -> None
 
 @contextmanager
 def write_errors(target: Path) -> Iterator[None]:
-    """Turn an operating system's error while writing into one line."""
+    """Turn whatever keeps a map from being written into one line that names the target."""
     try:
         yield
-    except OSError as error:
-        raise MapCommandError(f"{target}: {error.strerror or error}; nothing was written there") from None
+    except MapFileError as error:
+        raise InputError(f"{target}: {error}") from None
+    except (OSError, JournalError) as error:
+        # The journal that cannot be made is a temporary one, of which the user knows nothing.
+        cause = error.__cause__ if isinstance(error, JournalError) else error
+        if not isinstance(cause, OSError):
+            raise
+        raise MapCommandError(f"{target}: {cause.strerror or cause}; nothing was written there") from None

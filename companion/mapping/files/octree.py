@@ -76,7 +76,8 @@ def _write(export: Export, file: BinaryIO, progress: Progress, *, full: bool) ->
     if export.lowest_chunk.min() < -CHUNK_OFFSET or export.highest_chunk.max() >= CHUNK_OFFSET:
         raise MapFileError(
             f"the map reaches further than {2 ** (LEVELS - 1) * voxel_m:g} m from its origin, which an OctoMap with "
-            f"voxels of {voxel_m:g} m cannot hold: use larger voxels (mapping.voxel_m) or another format"
+            f"voxels of {voxel_m:g} m cannot hold: use larger voxels (mapping.voxel_m), another format, or a part of "
+            "the map (--box)"
         )
     with Spool(Path(file.name).parent) as spool:
         roots, nodes = _encoded(export, spool, progress, full=full)

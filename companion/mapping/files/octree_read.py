@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from companion.mapping.chunks import NOTHING, VOLUME
 from companion.mapping.files.errors import MapFileError
+from companion.mapping.files.export import Progress, silent
 from companion.mapping.files.octree import BINARY_NAME, CHUNK_LEVEL, CHUNK_OFFSET, FULL_NAME, THRESHOLD_NOTE
 from companion.mapping.files.octree_walk import (
     MOST_WAITING,
@@ -120,8 +121,12 @@ class OctreeFile:
             )
 
 
-def open_octree(path: Path) -> OctreeFile:
+def open_octree(path: Path, progress: Progress = silent) -> OctreeFile:
     """The map in an OctoMap file, after a walk through all of it.
+
+    Args:
+        path: the file.
+        progress: takes the share of the file that was walked through, 0 to 1, from time to time.
 
     Raises:
         MapFileError: the file is not an OctoMap, or damaged, or holds more than any real map.
@@ -129,7 +134,7 @@ def open_octree(path: Path) -> OctreeFile:
     """
     with path.open("rb") as file:
         header = _read_header(file, path)
-        found = _walked(file, path, header)
+        found = _walked(file, path, header, progress)
         return OctreeFile(path, header, _identity(os.fstat(file.fileno())), found)
 
 
@@ -178,14 +183,16 @@ def _number(path: Path, name: str, words: list[str]) -> float:
     return number
 
 
-def _walked(file: BinaryIO, path: Path, header: _Header) -> Found:
+def _walked(file: BinaryIO, path: Path, header: _Header, progress: Progress) -> Found:
     """All chunks of the tree, and the leaves that stand for several."""
     waiting = np.zeros((MOST_WAITING, 2), np.int64)
     state = np.zeros(3, np.int64)
     state[TOP] = min(header.nodes, 1)
     room = room_for(_READ_BYTES + 8)
     found, left, offset, chunks = [], b"", 0, 0
+    size = os.fstat(file.fileno()).st_size
     while block := file.read(_READ_BYTES):
+        progress(min(file.tell() / size, 1.0))
         left += block
         done, entries = walk(np.frombuffer(left, np.uint8).copy(), offset, header.full, waiting, state, room)
         found.append(Found._make(part[:entries].copy() for part in room))

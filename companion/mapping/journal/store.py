@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -21,7 +21,7 @@ from companion.mapping.journal.log import FRONT_BYTES, Loss, packed, record_at
 from companion.mapping.journal.recovery import Progress, recover, refuse_foreign, segment_paths
 from companion.mapping.journal.rows import chunks_of, key_of, keys_of
 from companion.mapping.journal.segment import Segment
-from companion.mapping.piece import MOST_CHUNKS, MapPiece
+from companion.mapping.piece import MOST_CHUNKS, MapPiece, MapSource
 
 SEGMENT_BYTES = 16 << 20
 """A file that has grown to this is followed by another."""
@@ -192,6 +192,22 @@ class Journal:
             chunks = piece.chunks[first : first + _BATCH]
             data, sizes = packed(chunks, piece.values[first : first + _BATCH])
             self._write(keys_of(chunks), data, sizes)
+
+    def append_all(self, source: MapSource, taken: Callable[[int], None] = lambda _: None) -> None:
+        """Take a whole map, piece by piece, so that it need not fit into memory.
+
+        Args:
+            source: the map; what it has of a chunk stands in place of what the journal had.
+            taken: is told how many chunks were taken so far.
+
+        Raises:
+            OSError: the disk is full or broken, or the source cannot be read. What was taken before stays.
+        """
+        chunks = 0
+        for piece in source.pieces(_BATCH):
+            self.append(piece)
+            chunks += len(piece.chunks)
+            taken(chunks)
 
     def commit(self) -> None:
         """Make everything that was appended survive a power cut.

@@ -338,3 +338,14 @@ def test_nothing_is_removed_before_its_copy_is_safe(tmp_path: Path, monkeypatch:
         journal.commit()
         assert len(before.keys() & set(tmp_path.glob("*.segment"))) < len(before)
         assert held(journal) == wanted
+
+
+def test_a_whole_map_is_taken(tmp_path: Path) -> None:
+    """Protects copies of maps: every chunk arrives, in place of what was there of it, and the count of them is told."""
+    wanted = written(tmp_path / "from", [{(n, 0, 0): surface(n) for n in range(300)}])
+    taken: list[int] = []
+    with Journal.read_only(tmp_path / "from") as source, Journal.open(tmp_path / "to", HEADER) as journal:
+        journal.append(piece({(5, 0, 0): alike(1), (-1, 0, 0): alike(2)}))
+        journal.append_all(source, taken.append)
+        assert held(journal) == {**wanted, (-1, 0, 0): alike(2).tobytes()}
+    assert taken == [256, 300]
