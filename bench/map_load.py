@@ -249,6 +249,17 @@ def _wait_for(log: Path, process: subprocess.Popen[bytes], words: str) -> None:
         time.sleep(0.05)
 
 
+def _flown(which: str, number: int, arguments: Namespace, folder: Path) -> Row:
+    """The row of a flight, or what broke it off: on a computer that stands still for a second the autopilot lands."""
+    try:
+        return flight(which, number, arguments, folder)
+    except (CompanionError, FileNotFoundError) as error:
+        log = folder / "gate.log"
+        said = _words(log) if isinstance(error, FileNotFoundError) and log.exists() else str(error)
+        print(f"it broke off, and is left out: {said}", file=sys.stderr, flush=True)
+        return {"failed": said}
+
+
 def _braked(log: Path) -> int:
     """How often the gate has stopped the vehicle so far; with the time of day, for it says each thing twice."""
     lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
@@ -312,10 +323,7 @@ def main() -> None:
                 print(f"flight {number} of {arguments.flights}, map {which}", file=sys.stderr, flush=True)
                 folder = parent / f"{which}-{number}"
                 folder.mkdir()
-                try:
-                    rows.append(flight(which, number, arguments, folder))
-                except CompanionError as error:
-                    sys.exit(str(error))
+                rows.append({"map": which, "flight": number} | _flown(which, number, arguments, folder))
                 if arguments.json is not None:
                     write(rows, arguments.json)
     width_px, height_px, rate_hz = arguments.camera
