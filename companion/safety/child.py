@@ -46,7 +46,7 @@ class Child:
         nice: its niceness.
 
     Attributes:
-        pid: of the process, which is a child until its end was heard of by `companion.safety.family.deaths`.
+        pid: of the process, which is a child, or a zombie, until `companion.safety.family.deaths`.
         silent: whether the child has closed its end of the beats.
         strangers: datagrams of others.
         unsent: datagrams that it did not take.

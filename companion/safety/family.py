@@ -13,6 +13,7 @@ _PROC = Path("/proc")
 _SET_CHILD_SUBREAPER = 36
 _RESET = (signal.SIGPIPE, signal.SIGXFSZ)
 """Ignored by Python; other programs expect their death by them."""
+_ZOMBIE = "Z"
 MOST_DEATHS = 64
 """Heard of in one call."""
 
@@ -46,8 +47,24 @@ def spawn(command: Sequence[str], environment: Mapping[str, str], inherit: Seque
     return pid
 
 
+def exit_code_of(pid: int) -> int | None:
+    """The exit code of a child that has ended (negative: the signal); None while it runs. It stays a zombie.
+
+    To take leave of a process (`deaths`) can take the kernel long: for an application that had just been killed `wait4`
+    was measured to block for 0.6 s. That is longer than the autopilot waits, so it is not done while anything flies.
+    """
+    with contextlib.suppress(ChildProcessError):
+        ended = os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+        if ended is not None:
+            return ended.si_status if ended.si_code == os.CLD_EXITED else -ended.si_status
+    return None
+
+
 def deaths() -> list[tuple[int, int]]:
-    """Process ids and exit codes (negative: the signal) of the children that ended since the last call."""
+    """Process ids and exit codes (negative: the signal) of the children that ended since the last call.
+
+    May take the kernel long: `exit_code_of`.
+    """
     found: list[tuple[int, int]] = []
     with contextlib.suppress(ChildProcessError):
         while len(found) < MOST_DEATHS:
@@ -59,7 +76,7 @@ def deaths() -> list[tuple[int, int]]:
 
 
 def children() -> list[int]:
-    """Process ids of all children, the adopted ones too."""
+    """Process ids of all children that have not ended, the adopted ones too."""
     own = str(os.getpid())
     found: list[int] = []
     for entry in _PROC.iterdir():
@@ -67,7 +84,7 @@ def children() -> list[int]:
             # It may end while it is looked at. The name in brackets may hold spaces and brackets itself.
             with contextlib.suppress(OSError):
                 stat = entry.joinpath("stat").read_text(errors="replace").rpartition(")")[2].split()
-                if stat[1] == own:
+                if stat[1] == own and stat[0] != _ZOMBIE:
                     found.append(int(entry.name))
     return found
 

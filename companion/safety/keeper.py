@@ -7,7 +7,7 @@ import signal
 
 from companion.safety.beat import unpacked
 from companion.safety.child import Child
-from companion.safety.family import children, deaths, kill
+from companion.safety.family import children, deaths, exit_code_of, kill
 from companion.safety.faults import Stage
 from companion.safety.gate import Gate
 from companion.safety.log import Log
@@ -80,11 +80,10 @@ class Keeper:
         if self.child is not None and number is not None:
             self.child.signal(number)
 
-    def bury(self, now_s: float) -> None:
-        """Hear of every process that has ended."""
-        for pid, code in deaths():
-            if self.child is not None and pid == self.child.pid:
-                self._ended(self.child, code, now_s)
+    def notice_death(self, now_s: float) -> None:
+        """Hear of the end of the application, at once and whatever flies; leave is taken of it later."""
+        if self.child is not None and (code := exit_code_of(self.child.pid)) is not None:
+            self._ended(self.child, code, now_s)
 
     def cycle(self, now_s: float, autopilot_silent_s: float) -> None:
         """Whatever time brings: a hang, a last word, a restart."""
@@ -157,6 +156,8 @@ class Keeper:
             self._start_again(now_s)
 
     def _start_again(self, now_s: float) -> None:
+        # Nothing flies now.
+        deaths()
         if self._starts > self._plan.restarts:
             self._log.say(f"the application was started {self._starts} times; it is not started again")
             self.exit_code = EXIT_FAILED

@@ -195,7 +195,7 @@ class Loop:
 
     def _hear_the_bell(self, now_s: float) -> None:
         self._signals.hushed()
-        self._keeper.bury(now_s)
+        self._keeper.notice_death(now_s)
         self._follow_child()
         # A death is answered at once, not at the next cycle.
         self._due_s = now_s

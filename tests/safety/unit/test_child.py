@@ -237,6 +237,24 @@ def test_signals_reach_it_while_it_lives(monkeypatch: pytest.MonkeyPatch) -> Non
         family.kill(child.pid)
 
 
+@pytest.mark.parametrize(("script", "code"), [("sys.exit(3)", 3), ("os.kill(os.getpid(), 9)", -9)])
+def test_the_end_of_a_child_is_known_while_it_is_a_zombie(script: str, code: int) -> None:
+    """Protects the gate from waiting for the dead, which can take the kernel half a second."""
+    with started(f"import os; beats.send(b'up'); beats.recv(1); {script}") as child:
+        beats(child, 1)
+        assert family.exit_code_of(child.pid) is None
+        assert child.pid in family.children()
+        child.notify("end")
+        deadline_s = time.monotonic() + 10.0
+        while family.exit_code_of(child.pid) is None:
+            assert time.monotonic() < deadline_s
+            time.sleep(0.01)
+        assert family.exit_code_of(child.pid) == code
+        assert child.pid not in family.children()
+        assert os.waitpid(child.pid, os.WNOHANG)[0] == child.pid
+        assert family.exit_code_of(child.pid) is None, "nobody's child any more"
+
+
 def test_what_ends_is_heard_of_in_parts_and_what_lives_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "waitpid", lambda _any, _flags: (0, 0))
     assert family.deaths() == []

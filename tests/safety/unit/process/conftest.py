@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -14,7 +16,7 @@ from companion.safety import family, keeper, process
 @pytest.fixture(autouse=True)
 def own_family(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The processes that other tests have started are not the gate's."""
-    before = set(family.children())
+    before = with_zombies()
     real_children = family.children
 
     def children() -> list[int]:
@@ -22,7 +24,7 @@ def own_family(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
     def deaths() -> list[tuple[int, int]]:
         found = []
-        for pid in children():
+        for pid in with_zombies() - before:
             ended, status = os.waitpid(pid, os.WNOHANG)
             if ended:
                 found.append((pid, os.waitstatus_to_exitcode(status)))
@@ -33,6 +35,16 @@ def own_family(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(process, "adopt_orphans", lambda: None)
     yield
     gc.unfreeze()
-    for pid in children():
+    for pid in with_zombies() - before:
         family.kill(pid)
         os.waitpid(pid, 0)
+
+
+def with_zombies() -> set[int]:
+    """Process ids of all children, also of those that have ended and were not waited for."""
+    found: set[int] = set()
+    for task in Path(f"/proc/{os.getpid()}/task").iterdir():
+        # A thread may end while it is looked at.
+        with contextlib.suppress(OSError):
+            found |= {int(pid) for pid in (task / "children").read_text(encoding="ascii").split()}
+    return found

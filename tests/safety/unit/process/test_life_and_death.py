@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 import time
 from dataclasses import replace
@@ -104,14 +105,34 @@ def test_its_children_are_killed_before_another_is_started(monkeypatch: pytest.M
         rig.turn_until(lambda: rig.keeper.child)
 
 
-def test_the_end_of_another_process_is_no_end_of_the_application(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_end_of_another_process_is_no_end_of_the_application() -> None:
     """Orphans that were adopted end here too."""
     with rigged() as rig:
         rig.up()
-        monkeypatch.setattr(keeper, "deaths", lambda: [(4_194_999, 0)])
-        rig.keeper.bury(rig.now_s())
+        subprocess.run([sys.executable, "-c", "pass"], check=True)
+        rig.keeper.notice_death(rig.now_s())
         assert rig.keeper.child is not None
         assert rig.keeper.exit_code is None
+
+
+def test_leave_of_a_dead_application_is_taken_only_when_nothing_flies(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protects the first half second after a death: to wait for the dead can block the gate for longer than that."""
+    with rigged() as rig:
+        rig.up()
+        rig.say(ARMED)
+        rig.turn_until(lambda: rig.gate.armed)
+        left: list[float] = []
+        monkeypatch.setattr(keeper, "deaths", lambda: left.append(rig.now_s()))
+        rig.do("os.kill(os.getpid(), 9)")
+        rig.has_died()
+        rig.offset_s += REST_S + LOOK_S
+        rig.turn_for(0.05)
+        assert left == []
+        rig.say(HEARTBEAT, ATTITUDE)
+        rig.turn_until(lambda: not rig.gate.armed)
+        rig.offset_s += LOOK_S + 0.1
+        rig.turn_until(lambda: rig.keeper.child)
+        assert len(left) == 1
 
 
 def test_one_that_dies_again_and_again_is_given_up() -> None:
