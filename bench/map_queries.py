@@ -9,7 +9,6 @@ one batch divided by its length, so without what a call from Python costs, which
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 
@@ -17,13 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.table import Row, parser, show
+from companion.config.load import load_settings
 from companion.mapping import FREE, OCCUPIED, UNKNOWN, MapSnapshot
 from companion.mapping.chunks import EDGE, OFFSETS
-from companion.mapping.queries.frontier import Reach
 from companion.mapping.queries.nearest import nearest_not_free_m, nearest_obstacle_m
 from companion.mapping.queries.sight import sights
 from companion.mapping.queries.surveyor import Surveyor
 from companion.model import FloatArray
+from companion.warm_up import reach
 
 VOXEL_M = 0.1
 SLICE_M = EDGE * VOXEL_M
@@ -34,16 +34,7 @@ BATCH = 20
 SIGHT_M = 10.0
 MOST_M = 3.0
 
-REACH = Reach(
-    height_m=1.5,
-    margin_m=1.0,
-    critical_margin_m=0.7,
-    half_slab_m=0.4,
-    max_slope=0.7,
-    look_m=6.0,
-    up_rad=math.radians(28.5),
-    down_rad=math.radians(28.5),
-)
+REACH = reach(load_settings(None, "flight"))
 
 
 def tunnel_slices() -> tuple[NDArray[np.int32], NDArray[np.uint8]]:

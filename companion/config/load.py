@@ -6,6 +6,7 @@ Everything that is wrong is reported at once, each problem with the line that ho
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -61,7 +62,7 @@ def load(file: Path | None = None, preset: str | None = None) -> Loaded:
     name = preset or own_preset or DEFAULT_PRESET
     below = Source(f"preset {name}", (files("companion") / "presets" / f"{name}.yaml").read_text(encoding="utf-8"))
 
-    merged = _merge(below.data, _without_empty_sections(source.data, Settings))
+    merged = merge(below.data, _without_empty_sections(source.data, Settings))
     try:
         # Strict: "0.5" is no number and 1 is no bool. JSON, because strict Python input wants tuples and enum members.
         settings = Settings.model_validate_json(json.dumps(merged), strict=True)
@@ -71,12 +72,12 @@ def load(file: Path | None = None, preset: str | None = None) -> Loaded:
     return Loaded(settings, name)
 
 
-def _merge(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
     """Both mappings, section by section; where both have a value, the upper one's."""
     merged = dict(below)
     for key, value in above.items():
         lower = merged.get(key)
-        merged[key] = _merge(lower, value) if isinstance(lower, dict) and isinstance(value, dict) else value
+        merged[key] = merge(lower, value) if isinstance(lower, Mapping) and isinstance(value, Mapping) else value
     return merged
 
 

@@ -30,7 +30,13 @@ def export_map(source: Path, targets: list[Path], *, mesh: bool, box_m: Box | No
         raise InputError("the same target is given twice")
     with opened(source) as whole:
         part = whole if box_m is None else _inside(whole, box_m)
-        if not _some_reach(part, part.threshold):
+        most = _most(part)
+        if box_m is not None and most == NOTHING:
+            corners = " ".join(f"{bound:g}" for bound in box_m)
+            raise InputError(
+                f"--box {corners}: nothing of the map is in this box; `companion map info` says how far the map reaches"
+            )
+        if most < part.threshold:
             typer.echo("no voxel is occupied: there are no points and no surface to write", err=True)
         for target in targets:
             with write_errors(target), Progress(f"writing {target.name}") as progress:
@@ -40,20 +46,19 @@ def export_map(source: Path, targets: list[Path], *, mesh: bool, box_m: Box | No
 
 def _inside(whole: MapSource, box_m: Box) -> ClippedMap:
     try:
-        part = ClippedMap(whole, box_m)
+        return ClippedMap(whole, box_m)
     except ValueError as error:
         raise InputError(f"--box {error}") from None
-    if not _some_reach(part, int(NOTHING) + 1):
-        corners = " ".join(f"{bound:g}" for bound in box_m)
-        raise InputError(
-            f"--box {corners}: nothing of the map is in this box; `companion map info` says how far the map reaches"
-        )
-    return part
 
 
-def _some_reach(source: MapSource, least: int) -> bool:
-    """Whether any voxel has this value or more; looks no further than the first."""
-    return any(bool((piece.values >= least).any()) for piece in source.pieces())
+def _most(source: MapSource) -> int:
+    """The largest value of a voxel; looks no further than the first piece in which one is occupied."""
+    most = int(NOTHING)
+    for piece in source.pieces():
+        most = max(most, int(piece.values.max(initial=NOTHING)))
+        if most >= source.threshold:
+            break
+    return most
 
 
 def _is_mesh(target: Path, *, mesh: bool) -> bool:

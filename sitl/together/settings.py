@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from companion.config.load import load
+from companion.config.load import load, merge
 from companion.config.settings import Settings
 from companion.safety.budget import ARDUCOPTER_BRAKE_MPS2
 
@@ -38,19 +38,7 @@ def write_settings(file: Path, preset: str, personality: str, *layers: Sections)
     """
     sections = dict(OF_PERSONALITY[personality])
     for layer in layers:
-        sections = _merged(sections, layer)
+        sections = merge(sections, layer)
     # JSON is YAML.
     file.write_text(json.dumps({"preset": preset, **sections}, indent=2) + "\n", encoding="utf-8")
     return load(file).settings
-
-
-def _merged(below: Sections, above: Sections) -> dict[str, Any]:
-    """Key by key; where both have a mapping, key by key in there too."""
-    merged = dict(below)
-    for key, value in above.items():
-        lower = merged.get(key)
-        if isinstance(lower, Mapping) and isinstance(value, Mapping):
-            merged[key] = _merged(lower, value)
-        else:
-            merged[key] = value
-    return merged

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import socket
 import struct
-import threading
-from types import TracebackType
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from tests.own_thread import OwnThread
 
 FLOAT, INT32 = 9, 6
 FIRMWARE = {"px4": 12, "ardupilot": 3}
@@ -22,7 +22,7 @@ def free_port() -> int:
         return port
 
 
-class Responder:
+class Responder(OwnThread):
     """Sends to ``127.0.0.1:port`` and answers from there, in a thread, while the block lasts.
 
     Attributes:
@@ -41,8 +41,7 @@ class Responder:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
         self._socket.settimeout(0.01)
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run)
+        super().__init__("responder", self._socket)
         self._out = mavlink.MAVLink(self, srcSystem=system_id, srcComponent=component_id)
         self.autopilot = FIRMWARE.get(firmware, 8)
         self.received: list[Any] = []
@@ -67,17 +66,6 @@ class Responder:
     def value(self, name: str) -> float:
         """What a parameter is set to now."""
         return self.params[name][0]
-
-    def __enter__(self) -> Responder:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stop.set()
-        self._thread.join()
-        self._socket.close()
 
     def _run(self) -> None:
         incoming = mavlink.MAVLink(None)

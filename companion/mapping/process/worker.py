@@ -57,7 +57,7 @@ class MapWorker:
     """A map in another process; an asynchronous context manager.
 
     With a folder, the map is kept in ``map.journal`` there. When the process dies (killed, out of memory) it is started
-    again, three times at most, **and goes on with what the journal holds**: all but the last second, which
+    again, `child.RESTARTS` times at most, **and goes on with what the journal holds**: all but the last second, which
     `MapStatus.lost` counts. Without a folder it begins anew, empty. A process that hangs is not replaced: the age of
     its status grows. It ignores Ctrl-C and ends when the application does, however that ends.
 
