@@ -28,7 +28,7 @@ test-flights: setup ## more whole flights over MAVLink, and other tests that `ma
 test-safety: setup ## the fault matrix: each fault in a flight towards a wall; options: ARGS="--help"
 	@.venv/bin/python -m tests.safety.matrix $(ARGS)
 
-mutants: ## change the gate in small ways, and print the changes that no test notices: tens of minutes; ARGS="--quick gate"
+mutants: ## change the gate in small ways, and print the changes that no test notices: tens of minutes; ARGS="--quick gate.gate"
 	@scripts/mutants $(ARGS)
 
 check-docker: setup ## lint docker/; ARGS=--run also carries out its RUNs in a clean Debian, as root

@@ -26,9 +26,9 @@ from bench.gate_autopilot import FakeAutopilot
 from bench.gate_child import WARM_UP_S, timed_socket
 from bench.table import Row, parser, show
 from companion.config.settings import Settings
-from companion.gate_plan import to_plan
-from companion.safety.beat import BEAT_FD, GATE_URL
-from companion.safety.plan import Plan
+from companion.gate.plan import Plan
+from companion.gate.protocol import BEAT_FD, GATE_URL
+from companion.safety_case.gate_plan import to_plan
 
 RATES_HZ = (20.0, 200.0)
 """Of setpoints: as they are flown, and ten times as many for the sake of numbers."""
@@ -150,7 +150,7 @@ def _gate(plan: Plan, folder: Path, profile: Path | None) -> Iterator[subprocess
     number = os.memfd_create("plan")
     os.write(number, plan.dumps().encode())
     how = [] if profile is None else ["-m", "cProfile", "-o", str(profile)]
-    command = [sys.executable, *how, "-m", "companion.safety", "--plan-fd", str(number)]
+    command = [sys.executable, *how, "-m", "companion.gate", "--plan-fd", str(number)]
     with (folder / "gate.log").open("wb") as log:
         gate = subprocess.Popen(command, pass_fds=(number,), stderr=log)  # noqa: S603 - our own
     os.close(number)

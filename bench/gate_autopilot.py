@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable
 
 from bench.gate_child import OFFBOARD, SPEED_MPS, SYSTEM, received
-from companion.autopilot.personality import ARMED_FLAG
-from companion.safety.mavlink import Encoder, Framer, decode
+from companion.mavlink.codec import Encoder, Framer, decode
+from companion.mavlink.modes import ARMED_FLAG
 from sitl.autopilot.mavlink import dialect as m
 
 AUTOPILOT, GATE = 1, 192

@@ -19,8 +19,8 @@ import sys
 import time
 from pathlib import Path
 
-from companion.safety.beat import BEAT_FD, GATE_URL, Beat, Phase
-from companion.safety.mavlink import Encoder, Framer, decode
+from companion.gate.protocol import BEAT_FD, GATE_URL, Beat, Phase
+from companion.mavlink.codec import Encoder, Framer, decode
 
 SYSTEM, APPLICATION, AUTOPILOT = 1, 191, 1
 OFFBOARD = (1.0, 6.0)

@@ -53,8 +53,8 @@ from bench.wire import Wire
 from companion.config.load import load_settings
 from companion.errors import CompanionError
 from companion.figures import figures
-from companion.gate_plan import to_plan
 from companion.handover import module, sealed
+from companion.safety_case.gate_plan import to_plan
 from sitl.together.crew import Crew, FlightPlan, environment, free_udp_ports
 
 SETTLE_S = 3.0
@@ -186,7 +186,7 @@ def _application(crew: Crew, which: str, folder: Path) -> Iterator[subprocess.Po
     plan_fd = sealed("plan", plan.dumps())
     with (folder / "gate.log").open("wb") as log:
         gate = subprocess.Popen(  # noqa: S603 - our own
-            [*module("companion.safety"), "--plan-fd", str(plan_fd)],
+            [*module("companion.gate"), "--plan-fd", str(plan_fd)],
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=subprocess.STDOUT,

@@ -8,7 +8,7 @@ import threading
 from typing import Self
 
 from bench.gate_child import received, timed_socket
-from companion.safety.mavlink import Framer
+from companion.mavlink.codec import Framer
 
 SETPOINT = 84
 """SET_POSITION_TARGET_LOCAL_NED."""

@@ -113,7 +113,7 @@ def _through_the_gate(
     """Load the settings and hand them over: this process becomes the gate."""
     from companion import handover
     from companion.config.load import load
-    from companion.gate_plan import refuse_if_reachable
+    from companion.safety_case.gate_plan import refuse_if_reachable
 
     loaded = load(config, preset)
     settings = loaded.settings

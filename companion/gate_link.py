@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 import socket
 
-from companion.autopilot.wire import printable
 from companion.errors import InputError
-from companion.safety.beat import BEAT_FD, GATE_URL, Beat, Goodbye
+from companion.gate.protocol import BEAT_FD, GATE_URL, Beat, Goodbye
+from companion.mavlink.ids import printable
 
 LARGEST_NOTICE = 1024
 """Bytes; a longer one arrives cut off."""

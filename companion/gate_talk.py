@@ -10,11 +10,11 @@ from collections.abc import Callable
 
 from companion.clock import Clock
 from companion.errors import CompanionError
+from companion.gate.faults import Stage
+from companion.gate.protocol import Beat, Phase
 from companion.gate_link import GateLink
 from companion.model import Measurement, Pose
 from companion.recording import Recorder
-from companion.safety.beat import Beat, Phase
-from companion.safety.faults import Stage
 
 LOOK_S = 0.1
 """How often it is looked whether the gate has said something."""

@@ -57,7 +57,7 @@ def become_the_gate(settings: Settings, words: Sequence[str], restart_words: Seq
     Raises:
         CompanionError: the gate cannot work with these settings.
     """
-    from companion.gate_plan import to_plan
+    from companion.safety_case.gate_plan import to_plan
 
     handed = sealed("companion-settings", settings.model_dump_json())
     application = (*module("companion.flight_process"), "--settings-fd", str(handed))
@@ -69,7 +69,7 @@ def become_the_gate(settings: Settings, words: Sequence[str], restart_words: Seq
     )
     if restart_words is None:
         plan = dataclasses.replace(plan, restarts=0)
-    gate = [*module("companion.safety"), "--plan-fd", str(sealed("companion-plan", plan.dumps()))]
+    gate = [*module("companion.gate"), "--plan-fd", str(sealed("companion-plan", plan.dumps()))]
     sys.stdout.flush()
     sys.stderr.flush()
     # The same process with another program: whoever watches the command, a person or systemd, watches the gate.

@@ -6,16 +6,16 @@ import asyncio
 from collections.abc import Coroutine
 from typing import Any
 
-from companion.autopilot.personality import mode_name, personality
 from companion.autopilot.vehicle import Vehicle
 from companion.background import background
 from companion.ending import Ending, Standing, ending
+from companion.gate.protocol import Phase
 from companion.gate_talk import GateLostError, GateTookOverError
 from companion.mapping.process.worker import MapWorker
+from companion.mavlink.modes import mode_name, personality
 from companion.orders import InterruptedFlightError, Orders
 from companion.pilot import Pilot
 from companion.ready import LOOK_PERIOD_S
-from companion.safety.beat import Phase
 from companion.session import Session
 from companion.watch import Announcements
 

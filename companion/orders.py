@@ -10,10 +10,11 @@ import termios
 from collections.abc import Iterator
 from typing import Any
 
-from companion.autopilot.personality import PAUSE_CONTINUE
 from companion.autopilot.vehicle_state import integer, number
-from companion.autopilot.wire import ONBOARD_COMPONENT, Link, LinkError, Message
+from companion.autopilot.wire import Link, LinkError, Message
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
+from companion.mavlink.ids import ONBOARD_COMPONENT
+from companion.mavlink.modes import PAUSE_CONTINUE
 
 MISSION_START = 300
 """MAV_CMD_MISSION_START, sent to this component: start the flight."""

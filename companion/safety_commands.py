@@ -31,8 +31,8 @@ def budget(config: Config = None, preset: Preset = None, as_json: AsJson = False
     The exit code is 0 when no wall can be reached, 2 when one can, with the settings to change on stderr.
     """
     from companion.config.load import load_settings
-    from companion.gate_plan import refuse_if_reachable, stopping_lines
-    from companion.safety_tables import render_budget
+    from companion.safety_case.gate_plan import refuse_if_reachable, stopping_lines
+    from companion.safety_case.tables import render_budget
 
     settings = load_settings(config, preset)
     lines = stopping_lines(settings)
@@ -48,7 +48,7 @@ def budget(config: Config = None, preset: Preset = None, as_json: AsJson = False
 def faults(config: Config = None, preset: Preset = None) -> None:
     """Print what the gate watches for, from when on it is a fault, and what follows."""
     from companion.config.load import load_settings
-    from companion.safety_tables import render_faults
+    from companion.safety_case.tables import render_faults
 
     typer.echo(render_faults(load_settings(config, preset)))
 

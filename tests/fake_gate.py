@@ -9,8 +9,8 @@ import sys
 from collections.abc import Sequence
 from types import TracebackType
 
+from companion.gate.protocol import BEAT_FD, GATE_URL, Beat, Goodbye, unpacked
 from companion.gate_link import GateLink
-from companion.safety.beat import BEAT_FD, GATE_URL, Beat, Goodbye, unpacked
 
 DEAF_PORT = 9
 """The discard port: nobody answers there."""

@@ -18,11 +18,11 @@ from companion.config.autopilot import AutopilotSettings
 from companion.config.load import load_settings
 from companion.config.settings import Settings
 from companion.errors import InputError
+from companion.gate.protocol import BEAT_FD, GATE_URL, Goodbye
 from companion.gate_link import GateLink
 from companion.handover import sealed
 from companion.orders import InterruptedFlightError
 from companion.ready import Options
-from companion.safety.beat import BEAT_FD, GATE_URL, Goodbye
 from tests.fake_gate import FakeGate
 
 SETTINGS = load_settings()

@@ -9,8 +9,8 @@ import socket
 import pytest
 
 from companion.errors import InputError
+from companion.gate.protocol import BEAT_FD, GATE_URL, Beat, Goodbye, Phase
 from companion.gate_link import NOTICES_AT_ONCE, GateLink
-from companion.safety.beat import BEAT_FD, GATE_URL, Beat, Goodbye, Phase
 from tests.fake_gate import FakeGate
 
 BEAT = Beat(10.0, 0.1, 0.1, 0.02, 3.0, 0.5, Phase.EXPLORING)

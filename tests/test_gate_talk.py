@@ -11,10 +11,10 @@ from typing import cast
 
 import pytest
 
+from companion.gate.protocol import Phase
 from companion.gate_talk import KINDS_OF_NOTICES, OTHERS, GateLostError, GateTalk
 from companion.model import Pose
 from companion.recording import Recorder
-from companion.safety.beat import Phase
 from tests.autopilot.fake_link import HandClock
 from tests.control.stages import beside
 from tests.fake_gate import FakeGate

@@ -13,8 +13,8 @@ import pytest
 from companion.config.load import load_settings
 from companion.config.settings import Settings
 from companion.errors import InputError
+from companion.gate.plan import Plan
 from companion.handover import become_the_gate, module, sealed, unsealed
-from companion.safety.plan import Plan
 
 
 def test_what_was_handed_over_cannot_be_changed_by_anybody() -> None:
@@ -74,7 +74,7 @@ def executed(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
 
 def plan_of(arguments: list[str]) -> Plan:
     """What the gate would be told."""
-    assert arguments[-3:-1] == ["companion.safety", "--plan-fd"]
+    assert arguments[-3:-1] == ["companion.gate", "--plan-fd"]
     return Plan.loads(unsealed(int(arguments[-1])))
 
 
@@ -111,7 +111,7 @@ def test_a_module_is_not_looked_for_where_this_process_did_not_look(
     """Started in a folder with anybody's `json.py` in it, the gate must not import that."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [str(tmp_path) if first is None else first, *sys.path])
-    assert ("-P" in module("companion.safety")) is safe
+    assert ("-P" in module("companion.gate")) is safe
     (tmp_path / "json.py").write_text("raise SystemExit(77)")
     ended = subprocess.run([*module("json.tool"), "--help"], capture_output=True, check=False)
     assert (ended.returncode == 0) is safe

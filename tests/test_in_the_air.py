@@ -10,13 +10,13 @@ from typing import Any, Self
 
 import pytest
 
-from companion.autopilot.kind import AutopilotKind
 from companion.config.load import load_settings
 from companion.ending import Ending
+from companion.gate.protocol import Phase
 from companion.gate_talk import GateLostError, GateTalk, GateTookOverError
 from companion.in_the_air import InTheAir
+from companion.mavlink.firmware import AutopilotKind
 from companion.orders import InterruptedFlightError, Orders
-from companion.safety.beat import Phase
 from tests.autopilot.fake_link import HandClock
 from tests.fake_gate import FakeGate
 from tests.test_ending import standing

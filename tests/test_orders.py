@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from companion.autopilot.personality import PAUSE_CONTINUE
 from companion.errors import InputError
+from companion.mavlink.modes import PAUSE_CONTINUE
 from companion.orders import MISSION_START, Orders
 from tests.autopilot.fake_link import FakeLink, HandClock
 

@@ -10,8 +10,8 @@ import pytest
 
 from companion import cli
 from companion.config.load import load_settings
-from companion.safety.faults import Fault
-from companion.safety_tables import WIDTH
+from companion.gate.faults import Fault
+from companion.safety_case.tables import WIDTH
 
 ROOT = Path(__file__).parent.parent
 SAFETY_CASE = ROOT / "docs" / "safety.md"

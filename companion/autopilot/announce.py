@@ -10,9 +10,9 @@ from collections import deque
 from collections.abc import Callable, Coroutine
 from typing import Any
 
-from companion.autopilot.personality import ARMED_FLAG
 from companion.autopilot.wire import Link, LinkError
 from companion.clock import Clock
+from companion.mavlink.modes import ARMED_FLAG
 
 HEARTBEAT_PERIOD_S = 1.0
 VALUES_PERIOD_S = 0.5

@@ -8,7 +8,13 @@ import math
 from collections.abc import Callable, Coroutine
 from typing import Any
 
-from companion.autopilot.personality import (
+from companion.autopilot.telemetry import Telemetry
+from companion.autopilot.vehicle_state import integer
+from companion.autopilot.wire import Link, Message
+from companion.clock import Clock
+from companion.errors import CompanionError
+from companion.mavlink.mode_monitor import HEARTBEAT_LATE_S, ModeWatch
+from companion.mavlink.modes import (
     ACCEPTED,
     ARM_DISARM,
     ARMED_FLAG,
@@ -18,12 +24,6 @@ from companion.autopilot.personality import (
     personality,
     result_name,
 )
-from companion.autopilot.takeover import HEARTBEAT_LATE_S, ModeWatch
-from companion.autopilot.telemetry import Telemetry
-from companion.autopilot.vehicle_state import integer
-from companion.autopilot.wire import Link, Message
-from companion.clock import Clock
-from companion.errors import CompanionError
 
 POLL_S = 0.05
 MODE_GRACE_S = 2.5

@@ -7,7 +7,8 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from companion.autopilot.wire import AUTOPILOT_COMPONENT, GATE_COMPONENT, ONBOARD_COMPONENT, LinkError, Message
+from companion.autopilot.wire import LinkError, Message
+from companion.mavlink.ids import AUTOPILOT_COMPONENT, GATE_COMPONENT, ONBOARD_COMPONENT
 
 IN_PROGRESS = 5
 """MAV_RESULT_IN_PROGRESS: heard, the final answer follows."""

@@ -9,9 +9,10 @@ from collections.abc import Coroutine
 from typing import Any, TypeVar
 
 from companion.autopilot.commander import POLL_S, Commander
-from companion.autopilot.personality import BODY_NED, VELOCITY_AND_YAW_RATE
-from companion.autopilot.wire import AUTOPILOT_COMPONENT, LinkError
+from companion.autopilot.wire import LinkError
 from companion.frames import setpoint_to_frd
+from companion.mavlink.ids import AUTOPILOT_COMPONENT
+from companion.mavlink.modes import BODY_NED, VELOCITY_AND_YAW_RATE
 from companion.model import Setpoint
 
 FAILSAFE_SHOWS_S = 0.3

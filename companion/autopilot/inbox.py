@@ -7,7 +7,8 @@ import threading
 from collections import deque
 from collections.abc import Callable
 
-from companion.autopilot.wire import AUTOPILOT_COMPONENT, Handler, Message, Stream
+from companion.autopilot.wire import Handler, Message, Stream
+from companion.mavlink.ids import AUTOPILOT_COMPONENT
 
 PENDING = 256
 """Messages that may wait for one handler."""

@@ -36,12 +36,13 @@ from mavsdk.plugins.param import Param
 
 from companion.autopilot.commands import Commands
 from companion.autopilot.inbox import Inbox
-from companion.autopilot.kind import AutopilotKind
 from companion.autopilot.neighbours import Neighbours, kind_of
 from companion.autopilot.parameters import Parameters
-from companion.autopilot.wire import ONBOARD_COMPONENT, Handler, LinkError, Message, Stream, printable
+from companion.autopilot.wire import Handler, LinkError, Message, Stream
 from companion.clock import Clock
 from companion.config.autopilot import AutopilotSettings
+from companion.mavlink.firmware import AutopilotKind
+from companion.mavlink.ids import ONBOARD_COMPONENT, printable
 
 POLL_S = 0.05
 RETRY_S = 1.0

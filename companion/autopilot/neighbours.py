@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from mavsdk.connection_result import ConnectionResult
 
-from companion.autopilot.kind import KINDS, AutopilotKind
-from companion.autopilot.wire import AUTOPILOT_COMPONENT, Message
+from companion.autopilot.wire import Message
 from companion.config.autopilot import AutopilotSettings
+from companion.mavlink.firmware import KINDS, AutopilotKind
+from companion.mavlink.ids import AUTOPILOT_COMPONENT
 
 NO_AUTOPILOT = 8
 """MAV_AUTOPILOT_INVALID: says a component that is none."""

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from companion.autopilot.estimator import ESTIMATOR
-from companion.autopilot.kind import AutopilotKind
-from companion.autopilot.wire import AUTOPILOT_COMPONENT, Link
+from companion.autopilot.wire import Link
+from companion.mavlink.estimator import ESTIMATOR
+from companion.mavlink.firmware import AutopilotKind
+from companion.mavlink.ids import AUTOPILOT_COMPONENT
 
 SET_MESSAGE_INTERVAL = 511
 ASK_AGAIN_S = 3.0

@@ -13,12 +13,12 @@ from collections.abc import Callable
 
 from companion.autopilot.commander import POLL_S, Commander, FlightError
 from companion.autopilot.helm import Helm
-from companion.autopilot.kind import AutopilotKind
-from companion.autopilot.personality import ACCEPTED, NAV_TAKEOFF, result_name
-from companion.autopilot.takeover import DISARMED
 from companion.autopilot.wire import Link
 from companion.config.control import ControlSettings
 from companion.control.ramp import Ramp
+from companion.mavlink.firmware import AutopilotKind
+from companion.mavlink.mode_monitor import DISARMED
+from companion.mavlink.modes import ACCEPTED, NAV_TAKEOFF, result_name
 from companion.model import Setpoint
 
 NEAR_M = 0.2

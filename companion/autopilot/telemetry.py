@@ -7,13 +7,14 @@ import math
 from collections import deque
 
 from companion.autopilot import vehicle_state
-from companion.autopilot.estimator import ESTIMATOR
-from companion.autopilot.personality import ARMED_FLAG, mode_name
 from companion.autopilot.rates import Rates, wanted_hz
 from companion.autopilot.vehicle_state import StatusText, VehicleState, integer, number
-from companion.autopilot.wire import AUTOPILOT_COMPONENT, Link, Message, Stream, printable
+from companion.autopilot.wire import Link, Message, Stream
 from companion.clock import Clock, ClockAlignment
 from companion.frames import NedPose, pose_from_ned
+from companion.mavlink.estimator import ESTIMATOR
+from companion.mavlink.ids import AUTOPILOT_COMPONENT, printable
+from companion.mavlink.modes import ARMED_FLAG, mode_name
 from companion.model import Pose
 from companion.poses import LARGEST, PoseBuffer
 

@@ -14,13 +14,13 @@ from typing import Self
 
 from companion.autopilot.commander import POLL_S, Commander, FlightError, Sleep, TakenOver
 from companion.autopilot.helm import Helm
-from companion.autopilot.personality import ACCEPTED, ARM_DISARM
 from companion.autopilot.take_off import TakeOff
 from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.wire import Link, LinkError
 from companion.clock import Clock
 from companion.config.settings import Settings
 from companion.errors import CompanionError
+from companion.mavlink.modes import ACCEPTED, ARM_DISARM
 from companion.model import Setpoint
 
 LAND_S = 60.0

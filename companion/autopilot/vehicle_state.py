@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from companion.autopilot.estimator import estimator_valid
-from companion.autopilot.kind import AutopilotKind
 from companion.autopilot.wire import Message
+from companion.mavlink.estimator import estimator_valid
+from companion.mavlink.firmware import AutopilotKind
 
 LARGEST_INTEGER, LARGEST_NUMBER = 2**64 - 1, 3.5e38
 """Of what MAVLink can say: 64-bit integers and 32-bit floats."""

@@ -9,15 +9,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from companion.autopilot.kind import AutopilotKind
 from companion.errors import CompanionError
-
-AUTOPILOT_COMPONENT = 1
-"""MAV_COMP_ID_AUTOPILOT1."""
-ONBOARD_COMPONENT = 191
-"""MAV_COMP_ID_ONBOARD_COMPUTER: this application."""
-GATE_COMPONENT = 192
-"""MAV_COMP_ID_ONBOARD_COMPUTER2: the safety gate."""
+from companion.mavlink.firmware import AutopilotKind
 
 RATE_WINDOW_S = 2.0
 ARRIVALS = 1024
@@ -73,11 +66,6 @@ class Stream:
         with self._lock:
             recent = sum(1 for arrival_s in self._arrivals_s if arrival_s > now_s - RATE_WINDOW_S)
         return recent / RATE_WINDOW_S
-
-
-def printable(text: str) -> str:
-    """A text from the wire as it may be shown: nothing in it steers a terminal, or is no character at all."""
-    return "".join(letter if letter.isprintable() else " " for letter in text).strip()
 
 
 Handler = Callable[[Message], None]

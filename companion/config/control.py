@@ -7,7 +7,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from companion.config.section import Section, refuse
-from companion.safety.budget import ARDUCOPTER_BRAKE_MPS2
+from companion.mavlink.firmware import ARDUCOPTER_BRAKE_MPS2
 
 
 class GovernorSettings(Section):

@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from companion.config.section import Section, refuse
-from companion.safety.faults import Fault
+from companion.gate.faults import Fault
 
 First = Literal["tell", "brake", "hold", "land"]
 Level = Literal["normal", "cautious"]

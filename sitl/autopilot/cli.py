@@ -13,8 +13,8 @@ import typer
 
 from companion.clock import MonotonicClock
 from companion.errors import CompanionError, InputError
+from companion.mavlink.signing import load_key
 from companion.model import Pose
-from companion.safety.signing import load_key
 from sitl.autopilot import PERSONALITIES, Autopilot, Personality, Surroundings
 from sitl.autopilot.endpoint import Address, Endpoint
 from sitl.autopilot.signing import Signing

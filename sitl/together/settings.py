@@ -9,7 +9,7 @@ from typing import Any
 
 from companion.config.load import load, merge
 from companion.config.settings import Settings
-from companion.safety.budget import ARDUCOPTER_BRAKE_MPS2
+from companion.mavlink.firmware import ARDUCOPTER_BRAKE_MPS2
 
 Sections = Mapping[str, Any]
 """Nested mappings, like those in a settings file."""

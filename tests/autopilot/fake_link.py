@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from companion.autopilot.inbox import Inbox
-from companion.autopilot.kind import AutopilotKind
 from companion.autopilot.wire import Handler, LinkError, Message, Stream
 from companion.clock import Clock
+from companion.mavlink.firmware import AutopilotKind
 
 ACCEPTED = 0
 

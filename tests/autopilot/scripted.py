@@ -6,9 +6,9 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from companion.autopilot.kind import AutopilotKind
-from companion.autopilot.personality import px4_mode
 from companion.autopilot.wire import LinkError
+from companion.mavlink.firmware import AutopilotKind
+from companion.mavlink.modes import px4_mode
 from tests.autopilot.fake_link import FakeLink, HandClock
 
 PX4_TAKEOFF, PX4_HOLD, PX4_LAND, PX4_OFFBOARD = px4_mode(4, 2), px4_mode(4, 3), px4_mode(4, 6), px4_mode(6)

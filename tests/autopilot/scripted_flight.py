@@ -6,10 +6,10 @@ import asyncio
 from collections.abc import Callable, Coroutine
 from typing import Any
 
-from companion.autopilot.kind import AutopilotKind
 from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle import Vehicle
 from companion.config.settings import Settings
+from companion.mavlink.firmware import AutopilotKind
 from companion.model import Setpoint
 from tests.autopilot.fake_link import HandClock
 from tests.autopilot.scripted import ScriptedAutopilot, ScriptedLink

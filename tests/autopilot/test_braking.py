@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from companion.autopilot.kind import AutopilotKind
 from companion.autopilot.preflight.braking import braking
 from companion.config.settings import Settings
-from companion.gate_plan import stopping_lines
-from companion.safety.budget import ARDUCOPTER_BRAKE_MPS2
+from companion.mavlink.firmware import ARDUCOPTER_BRAKE_MPS2, AutopilotKind
+from companion.safety_case.gate_plan import stopping_lines
 from sitl.together.crew import Crew, FlightPlan
 from sitl.together.settings import write_settings
 from tests.safety.matrix.faults import FAULTS

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from companion.autopilot.kind import AutopilotKind
 from companion.autopilot.link import MavsdkLink
 from companion.autopilot.wire import LinkError
 from companion.clock import MonotonicClock
 from companion.config.autopilot import AutopilotSettings
+from companion.mavlink.firmware import AutopilotKind
 from tests.autopilot.linked import flown, link_on
 from tests.autopilot.responder import Responder, free_port
 

@@ -9,9 +9,9 @@ import time
 
 import pytest
 
-from companion.autopilot.kind import AutopilotKind
 from companion.autopilot.link import MavsdkLink
 from companion.autopilot.wire import LinkError
+from companion.mavlink.firmware import AutopilotKind
 from tests.autopilot.linked import LAND, flown, until
 from tests.autopilot.responder import Responder, free_port
 

@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
-from companion.autopilot.kind import AutopilotKind
 from companion.autopilot.preflight import CheckResult, check_names, refusal, render, run_checks
 from companion.autopilot.telemetry import Telemetry
 from companion.config.settings import Settings
 from companion.errors import InputError
+from companion.mavlink.firmware import AutopilotKind
 from sitl.together.settings import OF_PERSONALITY
 from tests.autopilot.fake_link import FakeLink, HandClock
 

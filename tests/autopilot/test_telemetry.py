@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.autopilot.kind import AutopilotKind
 from companion.autopilot.rates import SET_MESSAGE_INTERVAL
 from companion.autopilot.telemetry import REQUEST_MESSAGE, TEXTS, Telemetry
+from companion.mavlink.firmware import AutopilotKind
 from tests.autopilot.fake_link import FakeLink, HandClock
 
 BOOTED_S = 900.0

@@ -6,8 +6,8 @@ import asyncio
 
 import pytest
 
-from companion.autopilot.kind import AutopilotKind
 from companion.autopilot.vehicle import FlightError
+from companion.mavlink.firmware import AutopilotKind
 from companion.model import Setpoint
 from tests.autopilot import scripted
 from tests.autopilot.scripted_flight import KINDS, PX4, Flight, fly

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from companion.autopilot.kind import AutopilotKind
 from companion.autopilot.vehicle import FlightError
+from companion.mavlink.firmware import AutopilotKind
 from tests.autopilot import scripted
 from tests.autopilot.scripted_flight import ARDUPILOT, H_M, KINDS, PX4, Flight, fly
 

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from companion.autopilot.kind import AutopilotKind
 from companion.autopilot.vehicle import TakenOver
+from companion.mavlink.firmware import AutopilotKind
 from tests.autopilot import scripted
 from tests.autopilot.scripted_flight import ARDUPILOT, KINDS, PX4, Flight, fly
 

@@ -14,7 +14,7 @@ from companion.config.safety import CAUTIOUS, SafetySettings
 from companion.config.settings import Settings
 from companion.config.show import dump_yaml
 from companion.errors import InputError
-from companion.safety.faults import Fault
+from companion.gate.faults import Fault
 
 Refusal = Callable[[str], str]
 

@@ -16,9 +16,7 @@ import numpy as np
 from companion.autopilot import inbox
 from companion.autopilot.announce import Announcer
 from companion.autopilot.commands import Commands
-from companion.autopilot.kind import AutopilotKind
 from companion.autopilot.link import _to_wire
-from companion.autopilot.personality import DO_SET_MODE, personality, px4_mode
 from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle import Vehicle
 from companion.config.sensors import CameraSettings, PlanarSettings, SensorSettings
@@ -26,6 +24,8 @@ from companion.config.settings import Settings
 from companion.explorer import Explorer
 from companion.inputs import Inputs
 from companion.mapping.process.worker import MapWorker
+from companion.mavlink.firmware import AutopilotKind
+from companion.mavlink.modes import DO_SET_MODE, personality, px4_mode
 from companion.model import Setpoint
 from companion.orders import Orders
 from companion.pace import Pace

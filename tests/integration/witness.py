@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from companion.autopilot.kind import KINDS, AutopilotKind
-from companion.autopilot.personality import ARMED_FLAG, mode_name
 from companion.frames import NedPose, pose_from_ned
+from companion.mavlink.firmware import KINDS, AutopilotKind
+from companion.mavlink.modes import ARMED_FLAG, mode_name
 from companion.model import Pose
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m

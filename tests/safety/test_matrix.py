@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from companion.autopilot.personality import DO_SET_MODE
+from companion.mavlink.modes import DO_SET_MODE
 from tests.integration.seen import CommandSeen, SetpointSeen
 from tests.safety.matrix.__main__ import main
 from tests.safety.matrix.faults import BY_NAME, CELLS, FAULTS

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from companion.autopilot.kind import AutopilotKind
 from companion.autopilot.preflight.result import CheckResult
 from companion.config.settings import Settings
-from companion.safety.budget import ARDUCOPTER_BRAKE_MPS2
+from companion.mavlink.firmware import ARDUCOPTER_BRAKE_MPS2, AutopilotKind
 
 BRAKING = "braking"
 """Name of the check."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from companion.autopilot.kind import AutopilotKind
 from companion.config.settings import Settings
+from companion.mavlink.firmware import AutopilotKind
 
 Value = float | int
 SAME = 1e-6

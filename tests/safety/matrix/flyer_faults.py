@@ -18,8 +18,8 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from companion.autopilot.link import MavsdkLink
-from companion.safety.beat import GATE_URL
-from companion.safety.mavlink import Encoder
+from companion.gate.protocol import GATE_URL
+from companion.mavlink.codec import Encoder
 
 LOOPBACK = "127.0.0.1"
 SETPOINT = "SET_POSITION_TARGET_LOCAL_NED"

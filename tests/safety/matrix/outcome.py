@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from companion.autopilot.kind import AutopilotKind
-from companion.autopilot.personality import DO_SET_MODE, personality
+from companion.mavlink.firmware import AutopilotKind
+from companion.mavlink.modes import DO_SET_MODE, personality
 from tests.integration.rig import PILOTS_MODE
 from tests.integration.seen import CommandSeen, SetpointSeen, TextSeen
 from tests.integration.witness import Witness

@@ -14,9 +14,9 @@ from pathlib import Path
 
 from companion.config.settings import Settings
 from companion.errors import CompanionError
-from companion.gate_plan import to_plan
+from companion.gate.plan import Plan
 from companion.handover import module, sealed
-from companion.safety.plan import Plan
+from companion.safety_case.gate_plan import to_plan
 from sitl.together.crew import command, environment, free_tcp_port, free_udp_ports
 from sitl.together.settings import Sections, write_settings
 from tests.integration.relay import UdpRelay
@@ -282,7 +282,7 @@ def _gate(
     plan_fd = sealed("plan", plan.dumps())
     with (folder / "gate.log").open("wb") as log:
         gate = subprocess.Popen(
-            ["nice", "-n", str(NICENESS), *module("companion.safety"), "--plan-fd", str(plan_fd)],
+            ["nice", "-n", str(NICENESS), *module("companion.gate"), "--plan-fd", str(plan_fd)],
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=subprocess.STDOUT,

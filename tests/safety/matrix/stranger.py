@@ -13,8 +13,8 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 
-from companion.autopilot.personality import BODY_NED, VELOCITY_AND_YAW_RATE
-from companion.safety.mavlink import Encoder
+from companion.mavlink.codec import Encoder
+from companion.mavlink.modes import BODY_NED, VELOCITY_AND_YAW_RATE
 from tests.integration.relay import LOOPBACK
 
 SENT_S = 3.0

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.autopilot.estimator import estimator_valid
-from companion.autopilot.kind import AutopilotKind
+from companion.mavlink.estimator import estimator_valid
+from companion.mavlink.firmware import AutopilotKind
 from companion.model import Beam, Camera, RangeReading
 from companion.sensors.drivers.messages import DepthImage, Ranges
 from companion.sensors.sink import RawDepth, SensorSink

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from companion.autopilot.kind import AutopilotKind
-from companion.autopilot.personality import ARM_DISARM, DO_SET_MODE, NAV_TAKEOFF, personality
 from companion.config.settings import Settings
+from companion.mavlink.firmware import AutopilotKind
+from companion.mavlink.modes import ARM_DISARM, DO_SET_MODE, NAV_TAKEOFF, personality
 from sitl.autopilot.mavlink import dialect as m
 from tests.integration.relay import GROUND_STATION, pack
 from tests.safety.matrix.corridor import TO_WALL_M

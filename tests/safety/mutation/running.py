@@ -20,7 +20,8 @@ import pytest
 from tests.safety.mutation.changes import Mutant, mutants
 from tests.safety.mutation.report import Found, report
 
-PACKAGE = "companion.safety"
+PACKAGE = "companion"
+ROOMS = ("gate", "mavlink", "safety_case")
 KILLED, SURVIVED = 1, 0
 LONGEST_S = 60.0
 """Of the processor, for one change; what takes longer runs in circles."""
@@ -36,7 +37,7 @@ class Mutation:
 
     Args:
         folder: of the repository.
-        names: modules of the package to change.
+        names: modules of the package to change, such as ``gate.motion``.
         quick: leave out tests that take longer than `QUICK_S`: what survives then may still be found by those.
 
     Attributes:
@@ -88,7 +89,7 @@ class Mutation:
         return True
 
     def _run_unchanged(self) -> bool:
-        files = [str(self._folder / "companion/safety/*")]
+        files = [str(self._folder / PACKAGE / room / "*") for room in ROOMS]
         traced = coverage.Coverage(data_file=None, include=files, config_file=False)
         traced.start()
         for nodeid, item in self._items.items():
@@ -198,7 +199,7 @@ def _apply(module: ModuleType, mutant: Mutant) -> None:
         before = getattr(module, mutant.constant)
         after = eval(mutant.after, {})  # noqa: S307 - a number
         for name, other in tuple(sys.modules.items()):
-            if name.startswith(("companion.safety", "tests.safety")):
+            if name.startswith((f"{PACKAGE}.", "tests.")):
                 held: dict[str, Any] = vars(other)
                 if held.get(mutant.constant) is before:
                     held[mutant.constant] = after

@@ -14,8 +14,8 @@ import typer
 from typer.testing import CliRunner
 
 from companion.errors import InputError
-from companion.safety.mavlink import Encoder, Framer, decode
-from companion.safety.signing import Signer
+from companion.mavlink.codec import Encoder, Framer, decode
+from companion.mavlink.signing import Signer
 from sitl.autopilot.cli import autopilot
 from sitl.autopilot.endpoint import Endpoint
 from sitl.autopilot.signing import Signing

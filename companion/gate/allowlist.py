@@ -1,0 +1,56 @@
+"""Which messages may go down to the autopilot. What is on no list does not pass. Pure tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from companion.mavlink.firmware import AutopilotKind
+from companion.mavlink.modes import ARM_DISARM, DO_SET_MODE, NAV_TAKEOFF
+
+NAV_LAND = 21
+SETPOINT = "SET_POSITION_TARGET_LOCAL_NED"
+
+ALWAYS = frozenset(
+    {
+        "HEARTBEAT",
+        "TIMESYNC",
+        "PARAM_REQUEST_READ",
+        "PARAM_REQUEST_LIST",
+        "MISSION_REQUEST_LIST",
+        "SET_GPS_GLOBAL_ORIGIN",
+        "COMMAND_ACK",
+        "STATUSTEXT",
+        "NAMED_VALUE_FLOAT",
+        "AUTOPILOT_VERSION",
+    }
+)
+"""Of the application: what moves nothing."""
+
+ASKING = frozenset({510, 511, 512, 519, 520})
+"""Commands that ask for messages and nothing else: GET_ and SET_MESSAGE_INTERVAL, REQUEST_MESSAGE and the two
+for PROTOCOL_VERSION and AUTOPILOT_CAPABILITIES."""
+
+MOVING = frozenset({DO_SET_MODE, ARM_DISARM, NAV_TAKEOFF, NAV_LAND})
+"""Commands of the application that move the vehicle."""
+
+SETPOINTS = frozenset({SETPOINT, "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET"})
+"""No ground station needs them: who wants to steer by hand takes the vehicle first."""
+
+ODOMETRY = frozenset(
+    {"HEARTBEAT", "TIMESYNC", "ODOMETRY", "VISION_POSITION_ESTIMATE", "VISION_SPEED_ESTIMATE", "SET_GPS_GLOBAL_ORIGIN"}
+)
+"""Of a program that only tells the autopilot where it is."""
+
+
+def mode_asked_for(kind: AutopilotKind, fields: Mapping[str, float]) -> int | None:
+    """The ``custom_mode`` that a DO_SET_MODE asks for; None when it is no number of one."""
+    main, sub = fields["param2"], fields["param3"]
+    if not (math.isfinite(main) and math.isfinite(sub) and 0.0 <= main < 256.0 and 0.0 <= sub < 256.0):
+        return None
+    return int(main) << 16 | int(sub) << 24 if kind is AutopilotKind.PX4 else int(main)
+
+
+def is_forced(fields: Mapping[str, float]) -> bool:
+    """Whether an ARM_DISARM skips the autopilot's own checks, or would stop the motors in the air."""
+    return fields["param2"] != 0.0

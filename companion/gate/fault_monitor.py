@@ -1,0 +1,161 @@
+"""Finds the faults there are at a moment. Pure."""
+
+from __future__ import annotations
+
+import math
+
+from companion.gate.faults import Fault
+from companion.gate.geofence import excess_m
+from companion.gate.plan import Plan
+from companion.gate.protocol import Beat, Phase
+from companion.gate.setpoint_limits import Asked
+from companion.gate.vehicle import Vehicle
+
+EVENT_S = 0.1
+"""What happens in a moment counts as there for this long."""
+CLOSING_MPS = 0.1
+"""Slower than this nothing closes: an estimate of the speed is no better."""
+FUTURE_S = 0.05
+"""A beat from further ahead is none: all processes of a computer have one clock."""
+STEERED = (Phase.CLIMBING, Phase.EXPLORING)
+
+
+class Watch:
+    """Everything that may be late or wrong.
+
+    Args:
+        plan: thresholds.
+        vehicle: what the autopilot says.
+
+    Attributes:
+        beat: the newest; None before the first.
+        asked: the newest setpoint that could be read; None before the first of this application.
+        died: whether the application's process did.
+        stop_ordered: whether a person on the ground ordered a stop.
+        bad_s: when a setpoint was last refused.
+        flooded_s: when the application last sent more than it may.
+    """
+
+    def __init__(self, plan: Plan, vehicle: Vehicle) -> None:
+        self.beat: Beat | None = None
+        self.asked: Asked | None = None
+        self.died = False
+        self.stop_ordered = False
+        self.bad_s = -math.inf
+        self.flooded_s = -math.inf
+        self._plan = plan
+        self._vehicle = vehicle
+        self._explores_since_s = math.inf
+        self._reach_s = plan.stopping.delay_s + 2.0 * plan.period_s
+
+    @property
+    def phase(self) -> Phase:
+        """What the application is doing, by its newest beat."""
+        return Phase.GROUND if self.beat is None else self.beat.phase
+
+    def begin(self) -> None:
+        """A new application."""
+        self.beat = self.asked = None
+        self.died = self.stop_ordered = False
+        self.bad_s = self.flooded_s = -math.inf
+        self._explores_since_s = math.inf
+
+    def take(self, beat: Beat, now_s: float) -> bool:
+        """A beat came; whether it can be one."""
+        if beat.t_s > now_s + FUTURE_S or (self.beat is not None and beat.t_s < self.beat.t_s):
+            return False
+        self.beat = beat
+        if beat.phase is not Phase.EXPLORING:
+            self._explores_since_s = math.inf
+        elif math.isinf(self._explores_since_s):
+            self._explores_since_s = now_s
+        return True
+
+    def beat_age_s(self, now_s: float) -> float:
+        """Since the newest completed tick began; infinite before the first."""
+        return math.inf if self.beat is None else max(0.0, now_s - self.beat.t_s)
+
+    def faults(self, now_s: float) -> dict[Fault, str]:
+        """Every fault with a few words, empty when all is well. Only for a vehicle that the application has armed."""
+        found = self._of_the_application(now_s) | self._of_the_autopilot(now_s)
+        if self.phase is Phase.EXPLORING:
+            found |= self._of_the_inputs(now_s)
+        return found
+
+    def _of_the_application(self, now_s: float) -> dict[Fault, str]:
+        found: dict[Fault, str] = {}
+        if self.died:
+            found[Fault.APPLICATION] = "died"
+        if self.stop_ordered:
+            found[Fault.GROUND_STOP] = ""
+        if now_s - self.bad_s < EVENT_S:
+            found[Fault.SETPOINT_BAD] = ""
+        if now_s - self.flooded_s < EVENT_S:
+            found[Fault.FLOOD] = ""
+        beat_s = self.beat_age_s(now_s)
+        if self.phase is not Phase.ENDED and beat_s > self._plan.thresholds.beat_s:
+            found[Fault.BEAT_LATE] = _seconds(beat_s)
+        return found
+
+    def _of_the_autopilot(self, now_s: float) -> dict[Fault, str]:
+        vehicle, limit = self._vehicle, self._plan.thresholds
+        found: dict[Fault, str] = {}
+        silent_s, heartbeat_s = now_s - vehicle.heard_s, now_s - vehicle.heartbeat_s
+        if silent_s > limit.link_s:
+            found[Fault.LINK_LOST] = _seconds(silent_s)
+        if heartbeat_s > limit.heartbeat_s:
+            found[Fault.HEARTBEAT_LOST] = _seconds(heartbeat_s)
+        if vehicle.estimator_good is False:
+            found[Fault.ESTIMATOR] = ""
+        if vehicle.battery_percent is not None and vehicle.battery_percent < limit.battery_percent:
+            found[Fault.BATTERY] = f"{vehicle.battery_percent:.0f} %"
+        pose_s = now_s - vehicle.motion.fresh_s
+        if self.phase in STEERED and pose_s > limit.pose_s:
+            found[Fault.POSE_STALE] = _seconds(pose_s)
+        if now_s - vehicle.motion.jumped_s < EVENT_S:
+            found[Fault.POSE_JUMP] = ""
+        if vehicle.motion.frozen_for_s() > limit.pose_frozen_s:
+            found[Fault.POSE_FROZEN] = ""
+        place = vehicle.motion.place_m
+        outside_m = -math.inf if place is None else excess_m(self._plan.fence, *place)
+        if outside_m > 0.0:
+            found[Fault.FENCE] = f"{outside_m:.1f} m outside"
+        return found
+
+    def _of_the_inputs(self, now_s: float) -> dict[Fault, str]:
+        """What an exploring vehicle needs besides."""
+        beat, limit = self.beat, self._plan.thresholds
+        assert beat is not None  # noqa: S101 - there is no phase without a beat
+        since_s = self.beat_age_s(now_s)
+        found: dict[Fault, str] = {}
+        for fault, age_s, limit_s in (
+            (Fault.DEPTH_STALE, beat.depth_age_s + since_s, limit.depth_s),
+            (Fault.RANGES_STALE, beat.ranges_age_s + since_s, limit.ranges_s),
+            (Fault.POSE_STALE, beat.pose_age_s + since_s, limit.pose_s),
+            (Fault.MAP, beat.map_age_s + since_s, limit.map_s),
+        ):
+            if age_s > limit_s:
+                found[fault] = _seconds(age_s)
+        asked_s = self._explores_since_s if self.asked is None else max(self.asked.t_s, self._explores_since_s)
+        offboard = self._vehicle.personality.offboard in self._vehicle.asked_modes
+        if offboard and now_s - asked_s > limit.setpoint_s:
+            found[Fault.SETPOINT_LATE] = _seconds(now_s - asked_s)
+        left_m = beat.ahead_m - self._stop_m(since_s)
+        if self._speed_mps() > CLOSING_MPS and left_m < limit.hard_limit_m:
+            found[Fault.DISTANCE] = f"{beat.ahead_m:.2f} m ahead"
+        return found
+
+    def _speed_mps(self) -> float:
+        """Ahead, flown or asked for, whichever is more; what is asked for beyond the limit does not pass."""
+        flown_mps = self._vehicle.motion.forward_mps()
+        asked_mps = 0.0 if self.asked is None else min(self.asked.vx_mps, self._plan.limits.speed_mps)
+        return asked_mps if flown_mps is None else max(flown_mps, asked_mps)
+
+    def _stop_m(self, since_s: float) -> float:
+        """How far it goes on when it is stopped now, from where the beat has measured."""
+        speed_mps = max(0.0, self._speed_mps())
+        return speed_mps * (since_s + self._reach_s) + speed_mps**2 / (2.0 * self._plan.stopping.brake_mps2)
+
+
+def _seconds(age_s: float) -> str:
+    return "never" if math.isinf(age_s) else f"{age_s:.2f} s"

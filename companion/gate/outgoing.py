@@ -1,0 +1,106 @@
+"""What the gate says itself: stops, modes, texts for the pilot, and that it lives. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from companion.gate.faults import Stage
+from companion.mavlink.codec import Encoder
+from companion.mavlink.ids import AUTOPILOT_COMPONENT, GATE_COMPONENT
+from companion.mavlink.modes import BODY_NED, DO_SET_MODE, VELOCITY_AND_YAW_RATE, Personality
+
+HEARTBEAT_S = 1.0
+TEXT_S = 0.5
+TEXTS = 8
+TEXT_BYTES = 50
+NOTICES = 64
+
+_ONBOARD_CONTROLLER, _NO_AUTOPILOT, _MAVLINK_VERSION = 18, 8, 3
+_STANDBY = 3
+_STATES = {Stage.PASS: 4, Stage.BRAKE: 5, Stage.HOLD: 6, Stage.LAND: 6}
+_WARNING = 4
+
+
+class Voice:
+    """Makes the gate's own messages.
+
+    Args:
+        system_id: of the vehicle.
+    """
+
+    def __init__(self, system_id: int) -> None:
+        self._encoder = Encoder(system_id, GATE_COMPONENT)
+        self._system_id = system_id
+        self._texts: deque[str] = deque(maxlen=TEXTS)
+        self._notices: deque[str] = deque(maxlen=NOTICES)
+        self._text_s = self._heartbeat_s = -math.inf
+
+    def say(self, words: str) -> None:
+        """To the pilot, the log and the application; the oldest give way when nobody listens."""
+        self._texts.append(words)
+        self.note(words)
+
+    def note(self, words: str) -> None:
+        """To the log and the application only."""
+        self._notices.append(words)
+
+    def take_notices(self) -> list[str]:
+        """Everything that was said since the last call."""
+        taken = list(self._notices)
+        self._notices.clear()
+        return taken
+
+    def due(self, stage: Stage, airborne: bool, now_s: float) -> list[bytes]:
+        """Heartbeat and texts whose time has come."""
+        sent: list[bytes] = []
+        if now_s - self._heartbeat_s >= HEARTBEAT_S:
+            self._heartbeat_s = now_s
+            sent.append(
+                self._encoder.pack(
+                    "HEARTBEAT",
+                    type=_ONBOARD_CONTROLLER,
+                    autopilot=_NO_AUTOPILOT,
+                    system_status=_STATES[stage] if airborne else _STANDBY,
+                    mavlink_version=_MAVLINK_VERSION,
+                )
+            )
+        if self._texts and now_s - self._text_s >= TEXT_S:
+            self._text_s = now_s
+            words = f"gate: {self._texts.popleft()}"[:TEXT_BYTES]
+            sent.append(self._encoder.pack("STATUSTEXT", severity=_WARNING, text=words))
+        return sent
+
+    def stop(self, now_s: float) -> bytes:
+        """Stand still, where it is."""
+        return self._encoder.pack(
+            "SET_POSITION_TARGET_LOCAL_NED",
+            time_boot_ms=int(now_s * 1e3) & 0xFFFFFFFF,
+            target_system=self._system_id,
+            target_component=AUTOPILOT_COMPONENT,
+            coordinate_frame=BODY_NED,
+            type_mask=VELOCITY_AND_YAW_RATE,
+        )
+
+    def mode(self, ours: Personality, custom_mode: int) -> tuple[bytes, dict[str, float]]:
+        """Ask for a mode; also the fields of the command."""
+        values = ours.set_mode_parameters(custom_mode)
+        fields = dict(zip(("param1", "param2", "param3"), values, strict=True))
+        raw = self._encoder.pack(
+            "COMMAND_LONG",
+            target_system=self._system_id,
+            target_component=AUTOPILOT_COMPONENT,
+            command=DO_SET_MODE,
+            **fields,
+        )
+        return raw, fields
+
+    def acknowledge(self, command: int, result: int, system_id: int, component_id: int) -> bytes:
+        """The answer to a command, a MAV_RESULT, for whoever gave it."""
+        return self._encoder.pack(
+            "COMMAND_ACK",
+            command=command,
+            result=result,
+            target_system=system_id,
+            target_component=component_id,
+        )

@@ -1,0 +1,261 @@
+"""One thread that waits for messages, gives them to the gate, and does what it says.
+
+When several things have come, beats are first, then the application's messages, the autopilot's, and those of others.
+From each a bounded number is taken before the next has its turn, so a flood from one delays nobody else by more than a
+few ms, and the cycle comes every `CYCLE_S` whatever comes in.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+
+from companion.gate.allowlist import SETPOINTS
+from companion.gate.gate import Gate
+from companion.gate.plan import CYCLE_S, Attached, Plan
+from companion.gate.runtime.framing import batches
+from companion.gate.runtime.log import Log
+from companion.gate.runtime.selector import Doors
+from companion.gate.runtime.signals import Signals
+from companion.gate.runtime.supervisor import Keeper
+from companion.gate.runtime.systemd import Notifier
+from companion.gate.runtime.transports import Wire
+from companion.mavlink.codec import MAVLINK_2, NAMES, Frame, decode
+from companion.mavlink.ids import ONBOARD_COMPONENT
+from companion.mavlink.signing import Signer
+
+STALLED_S = 0.1
+"""When nothing was done for longer than this, the gate itself was stopped: what waited meanwhile is as old as that."""
+CATCH_UP = 64
+"""Calls after which nothing can be left of what waited: more does not fit into the sockets."""
+
+SHOWN = frozenset({"HEARTBEAT", "STATUSTEXT", "NAMED_VALUE_FLOAT", "COMMAND_ACK"})
+"""What the application says to everybody: who is attached hears it too."""
+
+_BEATS, _APPLICATION, _AUTOPILOT, _BELL, _ATTACHED = range(5)
+
+
+class Loop:
+    """Carries messages between the application, the autopilot, whoever is attached, and the gate.
+
+    Args:
+        plan: everything it is told.
+        gate: decides.
+        keeper: of the application, which was started.
+        autopilot: the link to it.
+        signer: signs what goes there; None: nobody does.
+        attached: who else, and their links.
+        signals: what people ask for.
+        notifier: the service manager.
+        log: for people.
+        clock: time in s, CLOCK_MONOTONIC.
+
+    Attributes:
+        unsigned: messages that could not be signed, and so were not sent.
+        stale: setpoints that had waited while the gate was stopped, and so were not sent.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        gate: Gate,
+        keeper: Keeper,
+        autopilot: Wire,
+        signer: Signer | None,
+        attached: list[tuple[Attached, Wire]],
+        signals: Signals,
+        notifier: Notifier,
+        log: Log,
+        clock: Callable[[], float],
+    ) -> None:
+        self.unsigned = self.stale = 0
+        self._plan = plan
+        self._gate = gate
+        self._keeper = keeper
+        self._autopilot = autopilot
+        self._signer = signer
+        self._attached = attached
+        self._signals = signals
+        self._notifier = notifier
+        self._log = log
+        self._clock = clock
+        self._doors = Doors()
+        self._doors.follow(_BELL, signals.wake.fileno(), self._hear_the_bell)
+        # A wire's rank, and who is called when something is there.
+        self._wires = [(_AUTOPILOT, autopilot, self._from_autopilot)] + [
+            (_ATTACHED + number, wire, functools.partial(self._from_attached, number))
+            for number, (_, wire) in enumerate(attached)
+        ]
+        self._problems = [""] * len(self._wires)
+        self._is_ready = False
+        self._told_stage: str | None = None
+        self._heard_s = -math.inf
+        self._turned_s = self._due_s = clock()
+
+    def run(self) -> int:
+        """Until the application has ended, and nothing of it flies any more; gives the exit code."""
+        while self._keeper.exit_code is None:
+            self.turn()
+        return self._keeper.exit_code
+
+    def turn(self) -> None:
+        """Wait for the next message or cycle, and do what is to be done."""
+        callers = self._doors.wait(self._due_s - self._clock())
+        now_s = self._clock()
+        if now_s > self._turned_s + STALLED_S:
+            self._log.say(f"the gate stood still for {now_s - self._turned_s:.2f} s")
+            self._catch_up(self._turned_s)
+        self._turned_s = now_s
+        for serve in callers:
+            serve(now_s)
+        now_s = self._clock()
+        if now_s >= self._due_s:
+            self._due_s = max(self._due_s + CYCLE_S, now_s)
+            self._cycle(now_s)
+
+    def _catch_up(self, before_s: float) -> None:
+        """Take what has waited while the gate was stopped as what it is: nobody knows how old, so as old as can be.
+
+        A pilot's takeover in it counts; that the autopilot lives, or where the vehicle is, it does not tell.
+        """
+        for _ in range(CATCH_UP):
+            self._from_autopilot(before_s)
+            for frame in self._frames(before_s):
+                if NAMES.get(frame.message_id) in SETPOINTS:
+                    self.stale += 1
+                else:
+                    self._pass_down(frame, before_s)
+
+    def close(self) -> None:
+        """Say what was counted, and wait for nothing more."""
+        self._doors.close()
+        counts = {**self._gate.counts, "not signed": self.unsigned, "setpoint too old": self.stale}
+        for url, wire in [(self._plan.autopilot_url, self._autopilot), *((a.url, wire) for a, wire in self._attached)]:
+            counts |= {
+                f"{url}: not sent": wire.unsent,
+                f"{url}: of strangers": wire.strangers,
+                f"{url}: no message": wire.inflow.bad,
+                f"{url}: refused": wire.inflow.refused,
+            }
+        self._log.say("; ".join(f"{what}: {number}" for what, number in counts.items() if number) or "nothing refused")
+
+    def _beats(self, now_s: float) -> None:
+        self._keeper.beats(now_s)
+        self._follow_child()
+
+    def _from_application(self, now_s: float) -> None:
+        # A beat may have come since the doors were looked at, just before the setpoint that it belongs to.
+        self._keeper.beats(now_s)
+        for frame in self._frames(now_s):
+            self._pass_down(frame, now_s)
+        for raw in self._gate.take_upward():
+            self._up(raw)
+
+    def _frames(self, now_s: float) -> list[Frame]:
+        """What has come from the application."""
+        return [] if self._keeper.child is None else self._keeper.child.frames(now_s)
+
+    def _up(self, raw: bytes) -> None:
+        """To the application."""
+        if self._keeper.child is not None:
+            self._keeper.child.send(raw)
+
+    def _pass_down(self, frame: Frame, now_s: float) -> None:
+        passed = self._gate.application_spoke(frame, now_s)
+        if passed is not None:
+            self._down(passed)
+        if NAMES.get(frame.message_id) in SHOWN and frame.component_id == ONBOARD_COMPONENT:
+            for _, wire in self._attached:
+                wire.send(frame.raw)
+
+    def _from_autopilot(self, now_s: float) -> None:
+        frames = self._autopilot.receive(now_s)
+        self._follow(self._wires[0])
+        if not frames:
+            return
+        self._heard_s = now_s
+        spoke = self._gate.autopilot_spoke
+        for frame in frames:
+            spoke(frame, now_s)
+        for batch in batches(frames):
+            self._up(batch)
+            for _, wire in self._attached:
+                wire.send(batch)
+
+    def _from_attached(self, number: int, now_s: float) -> None:
+        attached, wire = self._attached[number]
+        frames = wire.receive(now_s)
+        self._follow(self._wires[1 + number])
+        for frame in frames:
+            if self._gate.ground_spoke(frame, attached.may):
+                self._down(frame.raw)
+            if attached.may == "command" and _concerns_application(frame):
+                self._up(frame.raw)
+
+    def _hear_the_bell(self, now_s: float) -> None:
+        self._signals.hushed()
+        self._keeper.notice_death(now_s)
+        self._follow_child()
+        # A death is answered at once, not at the next cycle.
+        self._due_s = now_s
+
+    def _cycle(self, now_s: float) -> None:
+        for number, door in enumerate(self._wires):
+            door[1].tick(now_s)
+            self._follow(door)
+            if door[1].problem != self._problems[number]:
+                self._tell_problem(number, door[1])
+        for raw in self._gate.cycle(now_s):
+            self._down(raw)
+            for _, wire in self._attached:
+                wire.send(raw)
+        for words in self._gate.take_notices():
+            self._log.say(words)
+            if self._keeper.child is not None:
+                self._keeper.child.notify(words)
+        for asked in self._signals.taken():
+            self._notifier.stopping()
+            self._keeper.ask(asked)
+        self._keeper.cycle(now_s, now_s - self._heard_s)
+        self._follow_child()
+        self._tell_service()
+        self._notifier.cycle(now_s)
+
+    def _down(self, raw: bytes) -> None:
+        """To the autopilot."""
+        if self._signer is not None:
+            if raw[0] != MAVLINK_2:
+                self.unsigned += 1
+                return
+            raw = self._signer.sign(raw)
+        self._autopilot.send(raw)
+
+    def _follow(self, door: tuple[int, Wire, Callable[[float], None]]) -> None:
+        rank, wire, serve = door
+        self._doors.follow(rank, wire.fileno(), serve)
+
+    def _follow_child(self) -> None:
+        child = self._keeper.child
+        self._doors.follow(_BEATS, None if child is None else child.beats_fileno(), self._beats)
+        self._doors.follow(_APPLICATION, None if child is None else child.fileno(), self._from_application)
+
+    def _tell_problem(self, number: int, wire: Wire) -> None:
+        self._problems[number] = wire.problem
+        url = self._plan.autopilot_url if number == 0 else self._attached[number - 1][0].url
+        self._log.say(f"{url}: {wire.problem or 'open'}")
+
+    def _tell_service(self) -> None:
+        if not self._is_ready and self._autopilot.fileno() is not None:
+            self._is_ready = True
+            self._notifier.ready()
+        stage = self._gate.stage.name.lower()
+        if stage != self._told_stage:
+            self._told_stage = stage
+            self._notifier.status(stage)
+
+
+def _concerns_application(frame: Frame) -> bool:
+    """Whether a message is for the application, or for everybody; never when that cannot be told."""
+    fields = decode(frame)
+    return fields is not None and fields.get("target_component", 0) in (0, ONBOARD_COMPONENT)

@@ -1,0 +1,108 @@
+"""Links by their URL: udpin, udpout, tcpin, tcpout and serial, as in the configuration."""
+
+from __future__ import annotations
+
+import socket
+from typing import Protocol
+
+from companion.errors import InputError
+from companion.gate.runtime.framing import Accept, Inflow
+from companion.gate.runtime.serial import SerialPort
+from companion.gate.runtime.tcp import StreamWire, TcpIn, TcpOut
+from companion.gate.runtime.udp import UdpIn, UdpOut
+from companion.mavlink.codec import Frame
+
+DEFAULT_BAUD = 57600
+AUTOPILOT_WAITING_BYTES = 2048
+"""May wait in a TCP connection to the autopilot: what a stopped connection keeps arrives too late."""
+ATTACHED_WAITING_BYTES = 65536
+
+
+class Wire(Protocol):
+    """A link that carries MAVLink. No call waits, and none raises for what the other end does.
+
+    Attributes:
+        unsent: messages that could not be sent.
+        strangers: datagrams of others.
+        problem: why it is not open, in words; empty: it is, or still tries.
+        inflow: counts what came and was no message, or not welcome.
+    """
+
+    unsent: int
+    strangers: int
+    problem: str
+    inflow: Inflow
+
+    def fileno(self) -> int | None:
+        """What to wait for; None: nothing. It changes in `receive` and `tick` only."""
+        ...
+
+    def receive(self, now_s: float) -> list[Frame]:
+        """What came in; a bounded number of messages, so call again while there is more to read."""
+        ...
+
+    def send(self, raw: bytes) -> None:
+        """Send whole messages at once, or not at all."""
+        ...
+
+    def tick(self, now_s: float) -> None:
+        """Look after it; call it in every cycle. What is not open is opened anew once a second."""
+        ...
+
+    def close(self) -> None:
+        """End it."""
+        ...
+
+
+def open_wire(url: str, system_id: int | None = None, accept: Accept | None = None) -> Wire:
+    """The link that a URL names.
+
+    Args:
+        url: ``udpin://HOST:PORT``, ``udpout://``, ``tcpin://``, ``tcpout://`` or ``serial://DEVICE:BAUD``.
+        system_id: of the vehicle, when this is the link to its autopilot; None: somebody attached.
+        accept: gives each message as it is passed on, or None to refuse it; None: all are welcome.
+
+    Raises:
+        InputError: it is no such URL, the host is unknown, or the port cannot be listened on.
+    """
+    scheme, _, rest = url.partition("://")
+    waiting = ATTACHED_WAITING_BYTES if system_id is None else AUTOPILOT_WAITING_BYTES
+    if scheme == "serial":
+        device, colon, baud = rest.rpartition(":")
+        if not colon:
+            device, baud = rest, str(DEFAULT_BAUD)
+        if not device or not baud.isdecimal():
+            raise _no_url(url)
+        return StreamWire(SerialPort(device, int(baud)), accept)
+    if scheme not in ("udpin", "udpout", "tcpin", "tcpout"):
+        raise _no_url(url)
+    address = _address(url, rest, listens=scheme.endswith("in"))
+    try:
+        if scheme == "udpin":
+            return UdpIn(address, system_id, accept)
+        if scheme == "udpout":
+            return UdpOut(address, accept)
+        return StreamWire((TcpIn if scheme == "tcpin" else TcpOut)(address, waiting), accept)
+    except OSError as error:
+        raise InputError(
+            f"{url} cannot be listened on: {error.strerror}; end what uses it, or configure another"
+        ) from error
+
+
+def _address(url: str, rest: str, *, listens: bool) -> tuple[str, int]:
+    host, _, port = rest.rpartition(":")
+    if not port.isdecimal() or not 0 < int(port) < 65536 or not (host or listens):
+        raise _no_url(url)
+    try:
+        found = socket.getaddrinfo(host or "0.0.0.0", int(port), socket.AF_INET)  # noqa: S104 - as the URL says
+    except OSError as error:
+        raise InputError(f"{url}: no such host ({error.strerror})") from error
+    number: tuple[str, int] = found[0][4][:2]  # type: ignore[assignment]
+    return number
+
+
+def _no_url(url: str) -> InputError:
+    return InputError(
+        f"{url} is no link: udpin://HOST:PORT, udpout://HOST:PORT, tcpin://HOST:PORT, tcpout://HOST:PORT or "
+        "serial:///dev/NAME:BAUD"
+    )

@@ -1,0 +1,153 @@
+"""What the gate knows of the vehicle: whose it is, what it was told, and what the autopilot says of itself. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from companion.gate.allowlist import NAV_LAND, mode_asked_for
+from companion.gate.motion import Motion
+from companion.mavlink.estimator import ESTIMATOR, estimator_valid
+from companion.mavlink.firmware import KINDS, AutopilotKind
+from companion.mavlink.mode_monitor import ModeWatch
+from companion.mavlink.modes import (
+    ACCEPTED,
+    ARM_DISARM,
+    ARMED_FLAG,
+    DO_SET_MODE,
+    IN_PROGRESS,
+    NAV_TAKEOFF,
+    Personality,
+    personality,
+)
+
+READ = frozenset({"HEARTBEAT", "LOCAL_POSITION_NED", "ATTITUDE", "COMMAND_ACK", "SYS_STATUS", *ESTIMATOR.values()})
+"""The messages of the autopilot that are looked into; of the others it only counts that they came."""
+
+Fields = Mapping[str, Any]
+
+
+class Vehicle:
+    """Takes the autopilot's messages, and the commands that were let through to it.
+
+    Args:
+        jump_m: see `Motion`.
+
+    Attributes:
+        kind: which firmware; None before its first heartbeat.
+        heard_s: when anything last came from the autopilot; -inf: never.
+        heartbeat_s: when its last heartbeat came; -inf: never.
+        motion: by its own words.
+        battery_percent: None when it does not say.
+        estimator_good: None before it has said anything of its estimator.
+    """
+
+    def __init__(self, jump_m: float) -> None:
+        self.kind: AutopilotKind | None = None
+        self.heard_s = -math.inf
+        self.heartbeat_s = -math.inf
+        self.motion = Motion(jump_m)
+        self.battery_percent: float | None = None
+        self.estimator_good: bool | None = None
+        self._watch = ModeWatch(AutopilotKind.PX4)
+        self._requests: dict[int, int] = {}  # component that asked for a mode -> number of its request
+        self._asked_to_arm = False
+        self._armed_s = math.inf
+
+    @property
+    def personality(self) -> Personality:
+        """The tables of the autopilot; PX4's before it is known, which nothing rests on."""
+        return personality(self.kind or AutopilotKind.PX4)
+
+    @property
+    def armed(self) -> bool:
+        """By its newest heartbeat, or by an acknowledgement that is newer than any heartbeat could tell."""
+        return self._watch.maybe_armed(self._armed_s)
+
+    @property
+    def airborne(self) -> bool:
+        """Armed by the application, and not yet disarmed."""
+        return self._asked_to_arm and self.armed
+
+    @property
+    def taken_over(self) -> str | None:
+        """The mode that somebody else chose, a pilot or a failsafe of the autopilot; None while the vehicle is ours."""
+        return self._watch.taken_over
+
+    @property
+    def asked_modes(self) -> frozenset[int]:
+        """The modes asked for last."""
+        return self._watch.ours
+
+    @property
+    def shown_mode(self) -> int | None:
+        """Of the newest heartbeat."""
+        return self._watch.mode
+
+    def obeys(self, mode: int) -> bool:
+        """Whether a mode was asked for last, and a heartbeat has shown it since."""
+        return self._watch.confirmed and self._watch.ours == {mode} and self._watch.mode == mode
+
+    def begin(self) -> None:
+        """A new application: what was asked for before does not concern it."""
+        before = self._watch
+        self._watch = ModeWatch(self.kind or AutopilotKind.PX4)
+        if before.mode is not None:
+            self._watch.heartbeat(before.mode, before.armed, before.heartbeat_s)
+        self._requests.clear()
+        self.land_here()
+
+    def land_here(self) -> None:
+        """The flight is over: an arming from here on is a new one."""
+        self._asked_to_arm, self._armed_s = False, math.inf
+
+    def spoke(self, name: str | None, fields: Fields, now_s: float) -> None:
+        """One message of the autopilot of our vehicle; its name is None when it is not one of `READ`."""
+        self.heard_s = now_s
+        if name == "HEARTBEAT":
+            self._heartbeat(fields, now_s)
+        elif name == "LOCAL_POSITION_NED":
+            self.motion.position(fields, now_s, self.armed)
+        elif name == "ATTITUDE":
+            self.motion.attitude(fields)
+        elif name == "COMMAND_ACK":
+            self._acknowledged(fields, now_s)
+        elif name == "SYS_STATUS":
+            percent = fields["battery_remaining"]
+            self.battery_percent = percent if 0 <= percent <= 100 else None
+        elif self.kind is not None and name == ESTIMATOR[self.kind]:
+            self.estimator_good = estimator_valid(self.kind, fields["flags"])
+
+    def told(self, command: int, fields: Fields, component: int) -> None:
+        """A command that moves the vehicle was let through, or sent by the gate itself."""
+        ours = self.personality
+        if command == ARM_DISARM:
+            self._asked_to_arm = self._asked_to_arm or fields["param1"] == 1.0
+        elif command == NAV_TAKEOFF:
+            self._watch.ask(ours.taking_off)
+        elif command == NAV_LAND:
+            self._watch.ask(frozenset({ours.land}), may_disarm=True, passing=ours.passing_to(ours.land))
+        elif (mode := mode_asked_for(ours.kind, fields)) is not None:
+            request = self._watch.ask(frozenset({mode}), mode == ours.land, ours.passing_to(mode))
+            self._requests[component] = request
+
+    def _heartbeat(self, fields: Fields, now_s: float) -> None:
+        kind = KINDS.get(fields["autopilot"])
+        if self.kind is None and kind is not None:
+            self.kind = kind
+            self._watch = ModeWatch(kind)
+        if kind is None or kind is not self.kind:
+            # The firmware does not change while it flies: somebody else speaks with our vehicle's number.
+            return
+        self.heartbeat_s = now_s
+        self._watch.heartbeat(fields["custom_mode"], bool(fields["base_mode"] & ARMED_FLAG), now_s)
+
+    def _acknowledged(self, fields: Fields, now_s: float) -> None:
+        good = fields["result"] in (ACCEPTED, IN_PROGRESS)
+        if fields["command"] == ARM_DISARM and self._asked_to_arm and not self._watch.armed:
+            self._armed_s = now_s if good else math.inf
+        elif fields["command"] == DO_SET_MODE and not good:
+            request = self._requests.pop(fields["target_component"], None)
+            if request is not None:
+                self._watch.refused(request)

@@ -1,0 +1,130 @@
+"""The safety case as plain text: the stopping budget, and every fault with its threshold and answer."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from typing import Any
+
+from companion.config.reactions import ReactionSettings
+from companion.config.settings import Settings
+from companion.gate.faults import CLEARS, Clear, Fault
+from companion.safety_case.stopping_budget import BudgetLine
+
+WIDTH = 110
+
+_WATCHED: dict[Fault, tuple[str, str]] = {
+    Fault.SETPOINT_LATE: ("safety.stale.setpoint_s", "s"),
+    Fault.SETPOINT_BAD: ("safety.limits", ""),
+    Fault.BEAT_LATE: ("safety.stale.beat_s", "s"),
+    Fault.DEPTH_STALE: ("safety.stale.depth_s", "s"),
+    Fault.RANGES_STALE: ("safety.stale.ranges_s", "s"),
+    Fault.POSE_STALE: ("safety.stale.pose_s", "s"),
+    Fault.POSE_JUMP: ("safety.pose.jump_m", "m"),
+    Fault.POSE_FROZEN: ("safety.pose.frozen_s", "s"),
+    Fault.ESTIMATOR: ("the autopilot's own flags", ""),
+    Fault.HEARTBEAT_LOST: ("safety.stale.heartbeat_s", "s"),
+    Fault.LINK_LOST: ("safety.stale.link_s", "s"),
+    Fault.DISTANCE: ("safety.distance.hard_limit_m", "m"),
+    Fault.FENCE: ("safety.fence", ""),
+    Fault.BATTERY: ("safety.battery_percent", "%"),
+    Fault.GROUND_STOP: ("a command", ""),
+    Fault.APPLICATION: ("the end of its process", ""),
+    Fault.MAP: ("safety.stale.map_s", "s"),
+    Fault.FLOOD: ("safety.messages_hz", "/s"),
+}
+"""What is compared with what for each fault."""
+
+
+def render_budget(lines: Sequence[BudgetLine], settings: Settings) -> str:
+    """The stopping budget as plain text of at most `WIDTH` columns."""
+    control, body_m = settings.control, settings.vehicle.body_radius_m
+    speed_mps = settings.safety.speed_limit_mps(control)
+    rows = [_budget_row(line, settings) for line in lines]
+    header = ("fault", "speed", "detection", "reaction", "autopilot", "brake", "from", "distance", "stands at", "left")
+    units = ("", "m/s", "s", "s", "s", "m/s²", "m", "m", "m", "m")
+    stopping = [line for line in lines if line.stops]
+    least = min(stopping, key=lambda line: line.remaining_m)
+    reaching = [line.fault for line in stopping if line.reaches_wall]
+    told = [
+        "Straight at a wall, at the worst speed up to what the gate lets pass, "
+        f"{speed_mps:g} m/s. From: distance to the wall when the fault strikes; stands at: when the vehicle stands; "
+        "both from the middle of the body. Left: between body and wall.",
+        f"d_s = {control.margin_m:g} m, d_c = {control.critical_margin_m:g} m, hard limit = "
+        f"{settings.hard_limit_m:.3g} m, body radius = {body_m:g} m, law: {control.speed_law}",
+    ]
+    told.append(f"least left: {least.remaining_m:.2f} m ({least.fault})")
+    told.append(f"A WALL CAN BE REACHED: {', '.join(reaching)}" if reaching else "no wall can be reached")
+    return "\n".join([*_wrapped(told[:1]), "", *_table([header, units, *rows]), "", *_wrapped(told[1:])])
+
+
+def _budget_row(line: BudgetLine, settings: Settings) -> tuple[str, ...]:
+    if not line.stops:
+        return (line.fault, *["-"] * 8, "only told")
+    control, stands_at_m = settings.control, line.allowed_m - line.distance_m
+    within = "WALL" if line.reaches_wall else ""
+    if not within and stands_at_m < control.margin_m:
+        within = "< d_c" if stands_at_m < control.critical_margin_m else "< d_s"
+    numbers = (line.detection_s, line.reaction_s, line.autopilot_s, line.brake_mps2, line.allowed_m, line.distance_m)
+    return (
+        line.fault,
+        f"{line.speed_mps:.2f}",
+        *(f"{number:.2f}" for number in numbers),
+        f"{stands_at_m:.2f} {within:<5}",
+        f"{line.remaining_m:.2f}",
+    )
+
+
+def render_faults(settings: Settings) -> str:
+    """Every fault with its threshold and answer as plain text."""
+    reactions = settings.safety.reactions
+    rows = [("fault", "from", "at once", "hold after", "land after", "over", "what")]
+    for fault, reaction in reactions.by_fault().items():
+        meaning = type(reactions).model_fields[fault.value].description or ""
+        over = "by itself" if CLEARS[fault] is Clear.BY_ITSELF else "never"
+        rows.append((fault.value, _threshold(fault, settings), *_answer(reaction), over, meaning.partition(";")[0]))
+    safety = settings.safety
+    notes = [
+        f"Over: gone for {safety.recover_s:g} s; never: not in this flight. After hold or land only a person begins "
+        "anew.",
+    ]
+    return "\n".join([*_table(rows, left=(0, 1, 2, 5, 6)), "", *_wrapped(notes)])
+
+
+def _threshold(fault: Fault, settings: Settings) -> str:
+    """With the value that holds, also where the file leaves it out."""
+    key, unit = _WATCHED[fault]
+    effective = {
+        Fault.SETPOINT_LATE: settings.safety.setpoint_late_s(settings.control),
+        Fault.BEAT_LATE: settings.safety.beat_late_s(settings.control),
+        Fault.DISTANCE: settings.hard_limit_m,
+    }
+    if not unit:
+        return key.removeprefix("safety.")
+    found: Any = settings
+    for part in key.split("."):
+        found = getattr(found, part)
+    return f"{effective.get(fault, found):.3g} {unit}"
+
+
+def _answer(reaction: ReactionSettings) -> tuple[str, str, str]:
+    return reaction.first, _after(reaction.hold_after_s), _after(reaction.land_after_s)
+
+
+def _after(delay_s: float | None) -> str:
+    return "-" if delay_s is None else f"{delay_s:g} s"
+
+
+def _table(rows: Sequence[Sequence[str]], left: Sequence[int] = (0,)) -> list[str]:
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    return [
+        "  ".join(
+            cell.ljust(width) if i in left else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
+
+
+def _wrapped(paragraphs: Sequence[str]) -> list[str]:
+    return [line for paragraph in paragraphs for line in textwrap.wrap(paragraph, WIDTH)]

@@ -1,0 +1,116 @@
+"""What passes at each stage of the answer, and at which stage a flight ends."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from companion.gate.faults import Fault, Stage
+from companion.gate.plan import Reaction
+from companion.gate.protocol import Phase
+from companion.mavlink.firmware import AutopilotKind
+from tests.gate.built import GROUND, KINDS, command, frame, setpoint
+from tests.gate.gate_scene import NOW_S, ORDER, PLAN, flying
+
+BOTH = pytest.mark.parametrize("kind", KINDS)
+STAGES = (Stage.PASS, Stage.BRAKE, Stage.HOLD, Stage.LAND)
+
+
+@BOTH
+@pytest.mark.parametrize("stage", STAGES)
+def test_which_commands_pass_at_which_stage(kind: AutopilotKind, stage: Stage) -> None:
+    """Protects the ladder from being climbed down, and the way down from being closed."""
+    scene = flying(kind=kind)
+    ours = scene.ours
+    orders = {
+        "arm": command(400, 1.0),
+        "disarm": command(400, 0.0),
+        "take off": command(22),
+        "land": command(21),
+        "offboard": command(176, *ours.set_mode_parameters(ours.offboard)),
+        "hold": command(176, *ours.set_mode_parameters(ours.hold)),
+        "land mode": command(176, *ours.set_mode_parameters(ours.land)),
+        "forced": command(400, 0.0, 21196.0),
+        "another mode": command(176, 1.0, 1.0, 0.0),
+        "another command": command(246, *ours.set_mode_parameters(ours.land)),
+    }
+    may = {"disarm", "land", "land mode"}
+    may |= {"arm", "take off", "offboard"} if stage is Stage.PASS else set()
+    may |= {"hold"} if stage < Stage.LAND else set()
+    scene.gate._ladder.force(stage)
+    assert {name for name, order in orders.items() if scene.passes(order)} == may
+    pilots = {AutopilotKind.PX4: 3 << 16, AutopilotKind.ARDUPILOT: 5}[kind]
+    scene.heartbeat(pilots)
+    assert {name for name, order in orders.items() if scene.passes(order)} == set(), "the pilot has it"
+    assert scene.passes(command(512)), "but asking is free"
+
+
+@pytest.mark.parametrize("stage", STAGES[1:])
+def test_while_the_gate_stops_no_setpoint_passes(stage: Stage) -> None:
+    """Protects the stop from being overwritten, by good setpoints too."""
+    scene = flying()
+    scene.gate._ladder.force(stage)
+    assert scene.gate.application_spoke(setpoint(), NOW_S) is None
+    assert scene.gate.application_spoke(setpoint(9.0), NOW_S) is None
+    assert scene.gate.counts == {
+        "application: setpoint while the gate stops": 2,
+        "application: setpoint that broke a limit": 1,
+    }
+
+
+def test_hands_off_is_hands_off() -> None:
+    """Protects the pilot, and an autopilot that may not hear: not even a stop goes out, and no fault is made of it."""
+    scene = flying()
+    scene.gate.autopilot_spoke(frame("COMMAND_LONG", GROUND[1], GROUND[0], **ORDER), NOW_S)
+    assert 84 in scene.sent(NOW_S)
+    scene.gate.take_notices()
+    assert scene.gate.application_spoke(setpoint(9.0), NOW_S + 0.75) is None
+    scene.heartbeat(3 << 16, NOW_S + 1.0)
+    assert scene.gate.application_spoke(setpoint(), NOW_S + 1.0) is None
+    assert scene.gate.counts == {"application: setpoint, but hands are off": 2}
+    assert scene.gate.take_notices() == []
+    assert scene.sent(NOW_S + 1.0) == [0, 253]
+
+
+def test_after_a_flight_the_ladder_is_at_its_foot() -> None:
+    """Protects the next flight from the stage, the faults and the patience of the last."""
+    scene = flying()
+    scene.gate.autopilot_spoke(frame("COMMAND_LONG", GROUND[1], GROUND[0], **ORDER), NOW_S)
+    scene.gate._ladder.force(Stage.HOLD)
+    scene.gate.cycle(NOW_S)
+    assert scene.patient_since_s() == NOW_S
+    assert scene.stage() is Stage.HOLD
+    assert scene.mode(scene.ours.land)
+    scene.heartbeat(scene.ours.land)
+    scene.gate.cycle(NOW_S)
+    scene.heartbeat(scene.ours.land, armed=False)
+    scene.gate.cycle(NOW_S)
+    assert scene.stage() is Stage.PASS
+    assert scene.patient_since_s() is None
+    assert not scene.gate._ladder.counting
+
+
+@pytest.mark.parametrize(
+    ("blind_s", "after", "stage"),
+    [
+        (3.0, Phase.ENDED, Stage.LAND),
+        (0.5, Phase.ENDED, Stage.PASS),
+        (3.0, Phase.EXPLORING, Stage.HOLD),
+    ],
+)
+def test_a_landing_stays_due_when_the_application_ends_its_flight_in_a_hold(
+    blind_s: float, after: Phase, stage: Stage
+) -> None:
+    """Protects a vehicle that was stopped: who ends tells no more, which is not the same as that all is well."""
+    scene = flying(replace(PLAN, reactions=PLAN.reactions | {Fault.DEPTH_STALE: Reaction(Stage.BRAKE, 3.0, 10.0)}))
+    for quarter in range(12 * 4):
+        now_s = NOW_S + quarter / 4
+        blind = now_s <= NOW_S + blind_s
+        shown = {Stage.HOLD: scene.ours.hold, Stage.LAND: scene.ours.land}.get(scene.stage(), scene.ours.offboard)
+        scene.heartbeat(shown, now_s)
+        scene.at(now_s, x=1e-3 * (quarter % 3))
+        scene.beat(Phase.EXPLORING if blind else after, now_s, depth_age_s=9.0 if blind else 0.0)
+        scene.gate.application_spoke(setpoint(), now_s)
+        scene.gate.cycle(now_s)
+    assert scene.stage() is stage

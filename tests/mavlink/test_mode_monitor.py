@@ -1,0 +1,126 @@
+"""Whose the vehicle is: every heartbeat that could be mistaken for ours, or ours for somebody else's."""
+
+from __future__ import annotations
+
+import pytest
+
+from companion.mavlink.firmware import AutopilotKind
+from companion.mavlink.mode_monitor import DISARMED, ModeWatch
+from companion.mavlink.modes import px4_mode
+
+HOLD, OFFBOARD, LAND, POSITION = px4_mode(4, 3), px4_mode(6), px4_mode(4, 6), px4_mode(3)
+
+
+def engaged() -> ModeWatch:
+    """Armed, in offboard, as asked for."""
+    watch = ModeWatch(AutopilotKind.PX4)
+    watch.heartbeat(HOLD, True, 1.0)
+    watch.ask(frozenset({OFFBOARD}))
+    watch.heartbeat(OFFBOARD, True, 2.0)
+    return watch
+
+
+def test_nothing_is_taken_over_before_anything_was_asked_for() -> None:
+    watch = ModeWatch(AutopilotKind.PX4)
+    watch.heartbeat(POSITION, True, 1.0)
+    watch.heartbeat(HOLD, False, 2.0)
+    assert watch.taken_over is None
+
+
+def test_the_mode_before_may_show_until_ours_does() -> None:
+    """Heartbeats are up to 1 s late: the old mode in one of them is no pilot."""
+    watch = ModeWatch(AutopilotKind.PX4)
+    watch.heartbeat(HOLD, True, 1.0)
+    watch.ask(frozenset({OFFBOARD}))
+    watch.heartbeat(HOLD, True, 2.0)
+    assert (watch.taken_over, watch.confirmed) == (None, False)
+    watch.heartbeat(OFFBOARD, True, 3.0)
+    assert (watch.taken_over, watch.confirmed) == (None, True)
+    watch.heartbeat(HOLD, True, 4.0)
+    assert watch.taken_over == "hold"
+
+
+def test_a_third_mode_is_somebody_elses_even_while_ours_has_not_shown() -> None:
+    watch = ModeWatch(AutopilotKind.PX4)
+    watch.heartbeat(HOLD, True, 1.0)
+    watch.ask(frozenset({OFFBOARD}))
+    watch.heartbeat(POSITION, True, 1.5)
+    assert watch.taken_over == "position"
+
+
+@pytest.mark.parametrize("mode", [HOLD, LAND, POSITION, px4_mode(1), px4_mode(4, 5), 0, -1])
+def test_any_other_mode_latches_for_good(mode: int) -> None:
+    """PX4 returns to offboard by itself: that must not give the vehicle back to us."""
+    watch = engaged()
+    watch.heartbeat(mode, True, 3.0)
+    name = watch.taken_over
+    assert name is not None
+    watch.heartbeat(OFFBOARD, True, 4.0)
+    watch.ask(frozenset({OFFBOARD}))
+    watch.heartbeat(OFFBOARD, True, 5.0)
+    assert watch.taken_over == name
+
+
+def test_a_disarmed_vehicle_in_our_mode_is_not_ours() -> None:
+    """After a failsafe landing PX4 shows offboard, disarmed."""
+    watch = engaged()
+    watch.heartbeat(OFFBOARD, False, 3.0)
+    assert watch.taken_over == DISARMED
+
+
+def test_disarming_after_our_landing_is_what_was_asked_for() -> None:
+    watch = engaged()
+    watch.ask(frozenset({LAND}), may_disarm=True)
+    watch.heartbeat(LAND, True, 3.0)
+    watch.heartbeat(LAND, False, 4.0)
+    watch.heartbeat(HOLD, False, 5.0)
+    assert watch.taken_over is None
+    assert not watch.armed
+
+
+def test_the_first_heartbeat_after_arming_may_still_say_disarmed() -> None:
+    watch = ModeWatch(AutopilotKind.PX4)
+    watch.heartbeat(HOLD, False, 1.0)
+    watch.ask(frozenset({HOLD}))
+    watch.heartbeat(HOLD, False, 2.0)
+    watch.heartbeat(HOLD, True, 3.0)
+    assert watch.taken_over is None
+
+
+def test_after_a_refusal_the_mode_before_is_ours_again() -> None:
+    watch = engaged()
+    watch.refused(watch.ask(frozenset({HOLD})))
+    watch.heartbeat(OFFBOARD, True, 3.0)
+    assert watch.taken_over is None
+    watch.heartbeat(POSITION, True, 4.0)
+    assert watch.taken_over == "position"
+
+
+def test_a_late_refusal_does_not_undo_a_newer_request() -> None:
+    """A cancelled manoeuvre cleans up after the vehicle has been told to land."""
+    watch = engaged()
+    request = watch.ask(frozenset({HOLD}))
+    watch.ask(frozenset({LAND}), may_disarm=True)
+    watch.refused(request)
+    watch.heartbeat(LAND, True, 3.0)
+    assert (watch.taken_over, watch.confirmed) == (None, True)
+
+
+def test_a_mode_on_the_way_to_ours_is_nobody_elses_until_ours_has_shown() -> None:
+    """Setpoints stop when landing is asked for; when the command is slow, PX4's failsafe holds meanwhile."""
+    watch = engaged()
+    watch.ask(frozenset({LAND}), may_disarm=True, passing=frozenset({HOLD}))
+    watch.heartbeat(HOLD, True, 3.0)
+    assert watch.taken_over is None
+    watch.heartbeat(LAND, True, 4.0)
+    watch.heartbeat(HOLD, True, 5.0)
+    assert watch.taken_over == "hold"
+
+
+def test_a_late_heartbeat_is_judged_but_is_not_the_newest() -> None:
+    """After a hang the newest is looked at first; the failsafe in the one before it still counts."""
+    watch = engaged()
+    watch.heartbeat(OFFBOARD, True, 5.0)
+    watch.heartbeat(HOLD, True, 4.0)
+    assert watch.taken_over == "hold"
+    assert (watch.mode, watch.heartbeat_s) == (OFFBOARD, 5.0)
