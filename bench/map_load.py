@@ -52,8 +52,8 @@ from bench.table import Row, parser, show, write
 from bench.wire import Wire
 from companion.config.load import load_settings
 from companion.errors import CompanionError
-from companion.figures import figures
-from companion.handover import module, sealed
+from companion.flight.launch import module, sealed
+from companion.recording.flight_stats import figures
 from companion.safety_case.gate_plan import to_plan
 from sitl.together.crew import Crew, FlightPlan, environment, free_udp_ports
 

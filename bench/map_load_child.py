@@ -16,8 +16,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from companion import app, flight_process
-from companion.background import background
+from companion.flight import __main__ as flight_process
+from companion.flight import mission as app
+from companion.flight.tasks import background
 from companion.mapping.process.start import MAP_NICENESS, ignore_ctrl_c
 from companion.mapping.process.status import MapStatus
 from companion.mapping.process.worker import MapWorker

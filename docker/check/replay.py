@@ -177,9 +177,9 @@ def check_cache(image: Image) -> None:
     cached = {file.name.rsplit("-", 1)[0] for file in cache.rglob("*.nbi")}
     left_out = compiled_names(ROOT / "companion") - cached
     if left_out:
-        raise ReplayError(f"companion/warm_up.py leaves out {', '.join(sorted(left_out))}")
+        raise ReplayError(f"companion/flight/warm_up.py leaves out {', '.join(sorted(left_out))}")
     count = 'find "$NUMBA_CACHE_DIR" -name "*.nbc" | wc -l'
-    again = "python -m companion.warm_up"
+    again = "python -m companion.flight.warm_up"
     script = f"before=$({count}); {again} || exit; after=$({count}); echo $before $after; [ $before -eq $after ]"
     code, output = image.run(
         [image.entrypoint[0], "sh", "-c", script],

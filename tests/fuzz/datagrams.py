@@ -17,7 +17,7 @@ from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.wire import Message
 from companion.clock import MonotonicClock
 from companion.config.autopilot import AutopilotSettings
-from companion.orders import Orders
+from companion.flight.operator_commands import Orders
 from tests.autopilot.responder import Responder, free_port
 from tests.fuzz.hostile import spoiled_often
 

@@ -22,19 +22,19 @@ from companion.autopilot.vehicle import Vehicle
 from companion.config.sensors import CameraSettings, PlanarSettings, SensorSettings
 from companion.config.settings import Settings
 from companion.explorer import Explorer
+from companion.flight.control_loop import Pilot, TickRecord
+from companion.flight.operator_commands import Orders
+from companion.flight.rate import Pace
+from companion.flight.reporting import Announcements
 from companion.inputs import Inputs
 from companion.mapping.process.worker import MapWorker
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.modes import DO_SET_MODE, personality, px4_mode
 from companion.model import Setpoint
-from companion.orders import Orders
-from companion.pace import Pace
-from companion.pilot import Pilot, TickRecord
 from companion.poses import LARGEST
 from companion.recording import Recorder
 from companion.sensors.drivers.mavlink import MavlinkDriver
 from companion.sensors.sink import RawDepth, SensorSink
-from companion.watch import Announcements
 from tests.autopilot.fake_link import FakeLink, HandClock
 
 SETTINGS = Settings(

@@ -21,11 +21,11 @@ from mcap.writer import CompressionType, Writer
 from companion.config.record import RecordSettings
 from companion.errors import InputError
 from companion.explorer import Explorer
-from companion.figures import figures, render
 from companion.model import Beam, DepthFrame, Observation, PlanarScan, Pose, RangeReading
 from companion.recording import FlightInfo, Recorder, Tick, open_recording
 from companion.recording.content import ENDED, ENGAGED, Topic
-from companion.replay import replay
+from companion.recording.flight_stats import figures, render
+from companion.recording.replay import replay
 from tests.autopilot.fake_link import HandClock
 from tests.fuzz.flying import CAMERA, SETTINGS, WALL_M
 from tests.fuzz.hostile import extreme, no_number, spoiled_json, spoiled_often

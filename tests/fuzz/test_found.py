@@ -20,12 +20,12 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle import Vehicle
 from companion.errors import InputError
-from companion.figures import figures
+from companion.flight.operator_commands import MISSION_START, Orders
 from companion.model import Camera
-from companion.orders import MISSION_START, Orders
 from companion.recording import open_recording
 from companion.recording.content import METADATA
-from companion.replay import replay
+from companion.recording.flight_stats import figures
+from companion.recording.replay import replay
 from companion.sensors.drivers.mavlink import planar_scan
 from companion.sensors.sink import DEPTH, WRONG_CAMERA, RawDepth, SensorSink
 from tests.autopilot.fake_link import FakeLink, HandClock

@@ -17,7 +17,7 @@ import pytest
 
 pytest.importorskip("viser", reason="pip install mine-companion[ground]")
 
-from companion import cli
+from companion.cli import main as cli
 from companion.config.mapping import MapSettings
 from companion.errors import InputError
 from companion.ground.page import MOST_LAYERS, Page, cloud, serve
@@ -135,7 +135,7 @@ def test_ctrl_c_ends_the_command(tmp_path: Path) -> None:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env=os.environ | {"PYTHONPATH": str(Path(cli.__file__).parents[1]), "PYTHONUNBUFFERED": "1"},
+        env=os.environ | {"PYTHONPATH": str(Path(cli.__file__).parents[2]), "PYTHONUNBUFFERED": "1"},
     ) as process:
         try:
             assert process.stdout is not None

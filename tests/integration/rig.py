@@ -19,10 +19,10 @@ import pytest
 from companion.autopilot.link import MavsdkLink
 from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle import Vehicle
-from companion.background import background
 from companion.clock import MonotonicClock
 from companion.config.autopilot import AutopilotSettings
 from companion.config.settings import Settings
+from companion.flight.tasks import background
 from companion.model import Setpoint
 from sitl.together.crew import command, environment, free_udp_ports
 from tests.integration.relay import LOOPBACK, UdpRelay

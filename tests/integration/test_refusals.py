@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from companion.autopilot.preflight.parameter_check import check_rule
-from companion.autopilot.preflight.parameters import rules
 from companion.autopilot.vehicle import FlightError
 from companion.autopilot.wire import LinkError
+from companion.flight.preflight.parameter_check import check_rule
+from companion.flight.preflight.parameter_rules import rules
 from tests.integration.rig import Aboard, Stage, aboard, both, fly_all
 
 NEVER_S = 300.0

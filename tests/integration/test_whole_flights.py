@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from companion.config.settings import Settings
-from companion.figures import figures
+from companion.recording.flight_stats import figures
 from tests.integration.whole import flown
 
 CRITICAL_M = Settings().control.critical_margin_m

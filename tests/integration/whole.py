@@ -73,7 +73,7 @@ class Flown:
         """The process id of the application that the gate has started."""
         for pid in family(self.gate.pid):
             with contextlib.suppress(OSError):
-                if b"companion.flight_process" in (Path("/proc") / str(pid) / "cmdline").read_bytes().split(b"\0"):
+                if b"companion.flight" in (Path("/proc") / str(pid) / "cmdline").read_bytes().split(b"\0"):
                     return pid
         pytest.fail(f"the application does not run: {self.said()[-1500:]}")
 

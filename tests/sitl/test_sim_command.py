@@ -16,7 +16,7 @@ import laspy
 import numpy as np
 import pytest
 
-from companion import cli
+from companion.cli import main as cli
 from companion.config.load import load_settings
 from sitl import cli as sim_cli
 from sitl import run_folder
@@ -27,7 +27,7 @@ from tests.sitl.test_raycast import box
 COMPANION = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background is started with SIGINT ignored
-from companion.cli import main
+from companion.cli.main import main
 main()
 """
 QUICK = """

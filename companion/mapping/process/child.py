@@ -93,7 +93,7 @@ class MapProcess:
             await self.close()
             raise MapError(
                 f"the process of the map does not get ready: it has been {stage} for {SILENT_TIMEOUT_S:g} s; on "
-                "a small computer compile everything once, before the flight, with: python -m companion.warm_up"
+                "a small computer compile everything once, before the flight, with: python -m companion.flight.warm_up"
             ) from None
         except BaseException:
             await self.close()

@@ -2,7 +2,7 @@
 
     python -m tests.safety.matrix.flyer --control PORT [--wait] run --settings-fd N ...
 
-Everything after that is for `companion.flight_process`. At the port it listens for the faults of `flyer_faults`; with
+Everything after that is for `companion.flight`. At the port it listens for the faults of `flyer_faults`; with
 `--wait` it loads everything and then waits there for the word to go.
 """
 
@@ -16,15 +16,16 @@ from collections.abc import Sequence
 import numpy as np
 import typer
 
-from companion import explorer, flight_process
+from companion import explorer
 from companion.config.settings import Settings
 from companion.control import Parameters, laws
 from companion.control.governor import braking_speed_mps
 from companion.control.navigator import Status
 from companion.control.ramp import Ramp
-from companion.handover import unsealed
+from companion.flight import __main__ as flight_process
+from companion.flight.launch import unsealed
+from companion.flight.warm_up import warm_up
 from companion.model import Measurement, Mode, Pose, Setpoint, wrap_rad
-from companion.warm_up import warm_up
 from tests.safety.matrix.flyer_faults import FAULTS, install
 
 YAW_GAIN_PER_S = 1.0

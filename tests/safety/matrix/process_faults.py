@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable
 
 from companion.config.load import load
-from companion.handover import module
+from companion.flight.launch import module
 from tests.safety.matrix.injection import Final, Injection
 from tests.safety.matrix.processes import udp_ports
 from tests.safety.matrix.scene import ROOT, Flight, SceneError

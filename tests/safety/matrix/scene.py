@@ -14,8 +14,8 @@ from pathlib import Path
 
 from companion.config.settings import Settings
 from companion.errors import CompanionError
+from companion.flight.launch import module, sealed
 from companion.gate.plan import Plan
-from companion.handover import module, sealed
 from companion.safety_case.gate_plan import to_plan
 from sitl.together.crew import command, environment, free_tcp_port, free_udp_ports
 from sitl.together.settings import Sections, write_settings

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from companion import cli
+from companion.cli import main as cli
 from companion.clock import MonotonicClock
 from companion.config.settings import Settings
 from companion.model import Beam, Pose

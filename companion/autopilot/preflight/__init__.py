@@ -1,6 +1,0 @@
-"""Pre-flight: everything that decides whether a flight may begin, each with what was found and what is wanted."""
-
-from companion.autopilot.preflight.checks import check_names, run_checks
-from companion.autopilot.preflight.result import CheckResult, refusal, render
-
-__all__ = ["CheckResult", "check_names", "refusal", "render", "run_checks"]

@@ -1,0 +1,1 @@
+"""The command `companion`: what people type, its options, its exit codes."""

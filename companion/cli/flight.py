@@ -1,0 +1,130 @@
+"""The commands of a flight: `companion check`, `companion run`, `companion figures`, `companion replay`.
+
+What they need is imported when they run: the help must not wait for it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Literal, NoReturn
+
+import typer
+
+Config = Annotated[Path | None, typer.Option("--config", metavar="FILE", help="YAML file that describes the vehicle.")]
+Preset = Annotated[
+    str | None, typer.Option("--preset", metavar="NAME", help="Preset below the file; overrides the file's choice.")
+]
+Fix = Annotated[bool, typer.Option("--fix", help="Set the autopilot's parameters that a check finds wrong.")]
+Skip = Annotated[
+    list[str] | None, typer.Option("--skip", metavar="CHECK", help="Skip this check, on record; may be repeated.")
+]
+
+
+def check(config: Config = None, preset: Preset = None, fix: Fix = False, skip: Skip = None) -> None:
+    """Check everything that a flight needs, without arming.
+
+    The exit code is 0 when the vehicle may fly, 1 when a check fails or no autopilot answers, 2 for wrong input.
+    """
+    _through_the_gate("check", config, preset, fix=fix, skip=skip)
+
+
+def run(
+    config: Config = None,
+    preset: Preset = None,
+    start: Annotated[
+        Literal["now", "key", "command"] | None,
+        typer.Option(help="What starts the flight; else mission.start."),
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, metavar="N", help="Draws every choice; else a new one.")] = None,
+    fix: Fix = False,
+    skip: Skip = None,
+    resume_map: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER", help="Go on with the map of an earlier flight; only if the autopilot was not restarted."
+        ),
+    ] = None,
+) -> None:
+    """Explore with a real or simulated autopilot and bring home the map.
+
+    Connects, checks, waits for the start, takes off, explores and ends the flight as configured. Ctrl-C ends it the
+    same way. All of it stands behind the safety gate, a process of its own that checks every setpoint, stops the
+    vehicle when anything is late or wrong, and starts the application again when it has died; it then waits for a
+    start. While the gate brakes the application goes on steering, so that the flight can go on; when the gate holds or
+    lands, the flight is over.
+
+    The exit code is 0 when the map is complete or a person stopped the flight, 1 when it was refused or ended
+    otherwise, 2 for wrong input, 130 after Ctrl-C.
+    """
+    _through_the_gate("run", config, preset, start=start, seed=seed, fix=fix, skip=skip, resume_map=resume_map)
+
+
+def figures(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Recording of a flight, flight.mcap.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """Print the figures of a recorded flight: setpoint rate and jitter, ages of the inputs, CPU and memory."""
+    from companion.recording.flight_stats import show_figures
+
+    typer.echo(show_figures(file, as_json))
+
+
+def replay(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Recording of a flight, flight.mcap.")],
+    config: Annotated[
+        Path | None, typer.Option("--config", metavar="FILE", help="Other settings than it was flown with.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of words.")] = False,
+) -> None:
+    """Fly a recording again through the present code, and compare the setpoints.
+
+    The exit code is 0 when every setpoint is the recorded one, 1 when some differ, 2 when the file is no recording.
+    """
+    from companion.config.load import load_settings
+    from companion.recording.replay import replay as fly_again
+
+    flown = fly_again(file, None if config is None else load_settings(config))
+    if as_json:
+        typer.echo(json.dumps(dataclasses.asdict(flown), indent=2))
+    else:
+        typer.echo(f"{flown.ticks} ticks flown again, {flown.compared} setpoints compared, {flown.differing} differ")
+        if flown.first_difference_s is not None:
+            typer.echo(f"first at t = {flown.first_difference_s:.2f} s, largest {flown.largest_difference:.3g}")
+        if flown.stopped is not None:
+            typer.echo(f"ended early: {flown.stopped}")
+    if flown.differing:
+        raise typer.Exit(1)
+
+
+def _through_the_gate(
+    what: Literal["check", "run"],
+    config: Path | None,
+    preset: str | None,
+    *,
+    fix: bool,
+    skip: list[str] | None,
+    start: Literal["now", "key", "command"] | None = None,
+    seed: int | None = None,
+    resume_map: Path | None = None,
+) -> NoReturn:
+    """Load the settings and hand them over: this process becomes the gate."""
+    from companion.config.load import load
+    from companion.flight import launch as handover
+    from companion.safety_case.gate_plan import refuse_if_reachable
+
+    loaded = load(config, preset)
+    settings = loaded.settings
+    if start is not None:
+        settings = settings.model_copy(update={"mission": settings.mission.model_copy(update={"start": start})})
+    refuse_if_reachable(settings)
+    words = [what, "--preset", loaded.preset]
+    words += [] if seed is None else ["--seed", str(seed)]
+    words += ["--fix"] if fix else []
+    words += [f"--skip={name}" for name in skip or ()]
+    words += [] if resume_map is None else ["--resume-map", str(resume_map.resolve())]
+    # After a death nothing flies by itself: a person starts it, here or at a ground station.
+    by_whom = "key" if sys.stdin is not None and sys.stdin.isatty() else "command"
+    handover.become_the_gate(settings, words, None if what == "check" else [*words, "--start", by_whom])

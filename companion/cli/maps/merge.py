@@ -1,0 +1,131 @@
+"""`companion map merge`."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import typer
+
+from companion.cli.maps.progress import Progress
+from companion.cli.maps.sources import map_at, opened, refuse_target, write_errors
+from companion.config.mapping import MapSettings
+from companion.errors import InputError
+from companion.mapping.files import write
+from companion.mapping.journal import JOURNAL_SUFFIX, Header, Journal, JournalError
+from companion.mapping.journal.lock import lock
+from companion.mapping.merge import IndexedMap, MergedMap
+from companion.mapping.piece import MapSource
+
+TREE_SUFFIX = ".ot"
+
+
+def merge_maps(sources: list[Path], out: Path, *, overwrite: bool) -> None:
+    """Add maps into a new journal or .ot file.
+
+    Raises:
+        InputError: fewer than two maps, one that is none or given twice, maps that do not go together, or a target that
+            cannot be.
+        CompanionError: the target cannot be written.
+    """
+    if len(sources) < 2:
+        raise InputError("give at least two maps to merge")
+    if out.suffix.lower() not in (JOURNAL_SUFFIX, TREE_SUFFIX):
+        raise InputError(f"{out}: a merged map is a folder NAME{JOURNAL_SUFFIX} or a file NAME{TREE_SUFFIX}")
+    places = [map_at(source).resolve() for source in sources]
+    if len(set(places)) < len(places):
+        raise InputError("the same map is given twice: what it says would count twice")
+    refuse_target(out, sources, overwrite=overwrite)
+    if out.exists() and out.suffix.lower() == JOURNAL_SUFFIX:
+        _refuse_no_journal(out)
+    with ExitStack() as stack:
+        maps = {str(path): stack.enter_context(opened(path)) for path in sources}
+        header = common_header(maps)
+        stack.enter_context(write_errors(out))
+        room = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent)))
+        indexed = [
+            stack.enter_context(_indexed(source, header, room / str(number), name))
+            for number, (name, source) in enumerate(maps.items())
+        ]
+        merged = MergedMap(indexed, header.threshold, header.lowest, header.highest)
+        with Progress(f"writing {out.name}") as progress:
+            if out.suffix.lower() == TREE_SUFFIX:
+                write(merged, out, progress)
+            else:
+                _write_journal(merged, header, room / "merged", out, progress)
+    typer.echo(f"{out}: {len(merged.chunks):,} chunks from {len(maps)} maps")
+
+
+def common_header(maps: dict[str, MapSource]) -> Header:
+    """What the sum of these maps is.
+
+    An OctoMap file says nothing of its frame and its clamps: it goes with any map of its voxel size, and takes theirs.
+
+    Raises:
+        InputError: they do not go together; the message names the two that differ.
+    """
+    (first, source), *others = maps.items()
+    for name, other in others:
+        if other.voxel_m != source.voxel_m:
+            raise InputError(
+                f"{name} has voxels of {other.voxel_m:g} m, {first} of {source.voxel_m:g} m: only maps with voxels of "
+                "one size can be merged"
+            )
+    journals = {name: one.header for name, one in maps.items() if isinstance(one, Journal)}
+    if not journals:
+        defaults = Header.of(MapSettings())
+        return replace(
+            defaults, voxel_m=source.voxel_m, threshold=source.threshold, frame="of OctoMap files", settings={}
+        )
+    (first, header), *more = journals.items()
+    for name, other_header in more:
+        if differences := other_header.differences(header):
+            raise InputError(
+                f"{name} and {first} do not go together: in the first, {'; '.join(differences)}; map both with the "
+                "same settings"
+            )
+    return replace(header, settings={})
+
+
+@contextmanager
+def _indexed(source: MapSource, header: Header, folder: Path, name: str) -> Iterator[IndexedMap]:
+    """The same map, so that its chunks can be asked for; one that cannot is copied into a journal."""
+    if isinstance(source, Journal):
+        yield source
+        return
+    with Journal.open(folder, replace(header, threshold=source.threshold)) as copy:
+        with Progress(f"reading {Path(name).name}") as progress:
+            copy.append_all(source, lambda _: progress(None))
+        yield copy
+
+
+def _write_journal(merged: MergedMap, header: Header, folder: Path, out: Path, progress: Progress) -> None:
+    """Write a journal beside its place, and move it there when it is whole."""
+    with Journal.open(folder, header) as journal:
+        journal.append_all(merged, lambda taken: progress(taken / len(merged.chunks)))
+    if not out.exists():
+        folder.replace(out)
+        return
+    held = lock(out)
+    old = folder.with_name("old")
+    try:
+        out.replace(old)
+        try:
+            folder.replace(out)
+        except BaseException:
+            old.replace(out)
+            raise
+    finally:
+        os.close(held)
+
+
+def _refuse_no_journal(out: Path) -> None:
+    """Refuse to replace a folder of something else, whatever its name."""
+    try:
+        Journal.read_only(out).close()
+    except JournalError:
+        raise InputError(f"{out}: is there and holds no map; --overwrite replaces maps only") from None

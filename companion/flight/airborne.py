@@ -1,0 +1,139 @@
+"""The part of a flight that is not on the ground: take off, explore until there is a reason to end it, end it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Coroutine
+from typing import Any
+
+from companion.autopilot.vehicle import Vehicle
+from companion.flight.control_loop import Pilot
+from companion.flight.gate_client import GateLostError, GateTookOverError
+from companion.flight.operator_commands import InterruptedFlightError, Orders
+from companion.flight.preflight.run import LOOK_PERIOD_S
+from companion.flight.reporting import Announcements
+from companion.flight.session import Session
+from companion.flight.tasks import background
+from companion.flight.termination import Ending, Standing, ending
+from companion.gate.protocol import Phase
+from companion.mapping.process.worker import MapWorker
+from companion.mavlink.modes import mode_name, personality
+
+
+class InTheAir:
+    """One flight, from the order to take off until the vehicle is left holding or landing, or in its pilot's hands.
+
+    Attributes:
+        explored_s: how long it explored.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        orders: Orders,
+        vehicle: Vehicle,
+        pilot: Pilot,
+        mapper: MapWorker,
+        announcements: Announcements,
+    ) -> None:
+        self.explored_s = 0.0
+        self._session = session
+        self._settings = session.settings
+        self._gate = session.gate
+        self._orders = orders
+        self._vehicle = vehicle
+        self._pilot = pilot
+        self._mapper = mapper
+        self._announcements = announcements
+
+    async def run(self) -> Ending:
+        """Fly. Leaving the vehicle's context leaves it holding or landing, whatever happened.
+
+        Raises:
+            GateLostError: the safety gate ended before or after the exploring.
+            GateTookOverError: it ended the take-off.
+            InterruptedFlightError: a person stopped the take-off.
+            CompanionError: the flight broke off.
+        """
+        vehicle, pilot, gate = self._vehicle, self._pilot, self._gate
+        self._orders.in_the_air = True
+        gate.phase = Phase.CLIMBING
+        try:
+            async with background(pilot.run()), vehicle:
+                try:
+                    why = await self._explore()
+                finally:
+                    pilot.exploring = False
+                    gate.phase = Phase.ENDING
+                if not why.hands_off:
+                    lands = self._settings.mission.end_action == "land"
+                    await self._while_it_can(vehicle.land() if lands else vehicle.hold())
+        finally:
+            if self._is_left():
+                gate.ended()
+        return why
+
+    async def _explore(self) -> Ending:
+        vehicle, pilot, ends = self._vehicle, self._pilot, (self._orders.stop, self._gate.taken)
+        self._announcements.phase("taking off")
+        climb = vehicle.take_off(self._settings.control.height_m, pilot.measured_height_m)
+        await self._while_it_can(climb, *ends)
+        await self._while_it_can(vehicle.engage(), *ends)
+        began_s = self._session.clock.now_s()
+        pilot.fresh_s = began_s
+        pilot.exploring = True
+        self._gate.phase = Phase.EXPLORING
+        self._announcements.phase("exploring")
+        why = await self._until_the_end(began_s)
+        self.explored_s = self._session.clock.now_s() - began_s
+        self._announcements.ended(why, (self._gate.took_over if why is Ending.GATE else vehicle.foreign_mode) or "")
+        return why
+
+    async def _until_the_end(self, began_s: float) -> Ending:
+        session = self._session
+        battery_s: float | None = None
+        while True:
+            now_s = session.clock.now_s()
+            state = session.telemetry.state(now_s)
+            if state.battery_percent is not None:
+                battery_s = now_s
+            standing = Standing(
+                vehicle=state,
+                pilot_took_over=self._vehicle.pilot_took_over,
+                gate_took_over=self._gate.took_over is not None,
+                gate_lost=self._gate.lost.is_set(),
+                stop_asked=self._orders.stop.is_set(),
+                complete=self._mapper.status.complete,
+                flown_s=now_s - began_s,
+                blind_s=now_s - self._pilot.fresh_s,
+                map_silent_s=self._mapper.status.age_s,
+                battery_silent_s=0.0 if battery_s is None else now_s - battery_s,
+            )
+            why = ending(standing, self._settings.mission)
+            if why is not None:
+                return why
+            await asyncio.sleep(LOOK_PERIOD_S)
+
+    async def _while_it_can(self, manoeuvre: Coroutine[Any, Any, object], *stops: asyncio.Event) -> None:
+        """Run a manoeuvre. The loss of the gate breaks it off, and so does what else is handed in."""
+        task = asyncio.ensure_future(manoeuvre)
+        ends = [asyncio.ensure_future(event.wait()) for event in (self._gate.lost, *stops)]
+        try:
+            await asyncio.wait((task, *ends), return_when=asyncio.FIRST_COMPLETED)
+            if self._gate.lost.is_set():
+                raise GateLostError(f"{Ending.GATE_LOST.value}: the autopilot's own failsafe has to end this flight")
+            if not task.done() and self._gate.taken.is_set():
+                raise GateTookOverError(f"{Ending.GATE.value} during the take-off: {self._gate.took_over or 'briefly'}")
+            if not task.done():
+                raise InterruptedFlightError("stopped during the take-off; the vehicle holds or lands")
+            task.result()
+        finally:
+            for one in (task, *ends):
+                one.cancel()
+
+    def _is_left(self) -> bool:
+        """Whether nothing more is to be expected of us: it is down, somebody else's, or flies by itself."""
+        ours = personality(self._session.link.kind)
+        leaves = [mode_name(ours.kind, mode) for mode in (ours.hold, ours.land)]
+        state = self._session.telemetry.state(self._session.clock.now_s())
+        return not state.armed or self._vehicle.pilot_took_over or state.mode in leaves

@@ -1,0 +1,141 @@
+"""The loop that flies: one observation, one measurement and at most one setpoint a tick."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from companion.explorer import Explorer
+from companion.flight.rate import Pace
+from companion.inputs import Inputs
+from companion.model import Measurement, Mode, Observation, Pose, Setpoint
+
+
+class Helm(Protocol):
+    """What obeys setpoints."""
+
+    def send(self, setpoint: Setpoint) -> bool:
+        """Send one setpoint; whether it went out."""
+        ...
+
+
+class Gate(Protocol):
+    """Who has to know that a tick was completed before its setpoint comes."""
+
+    def ticked(self, t_s: float, pose: Pose | None, measurement: Measurement | None) -> None:
+        """Everything that this tick's setpoint rests on; None while no pose is known."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class TickRecord:
+    """Everything about one tick, for the recording and for who watches.
+
+    Attributes:
+        t_s: the time of the tick.
+        observation: what the tick saw; None while no pose is known.
+        measurement: what it made of that.
+        mode: the navigator's mode; hold while it does not steer.
+        setpoint: what it asked for; None: nothing, which is silence on the wire.
+        stepped: whether the navigator was asked, which changes what it remembers.
+        sent: whether the setpoint went out.
+        missing: the inputs that were absent or stale.
+        duration_s: how long the tick took.
+    """
+
+    t_s: float
+    observation: Observation | None
+    measurement: Measurement | None
+    mode: Mode
+    setpoint: Setpoint | None
+    stepped: bool
+    sent: bool
+    missing: tuple[str, ...]
+    duration_s: float
+
+
+Watcher = Callable[[TickRecord], None]
+"""Whoever wants to know of each tick: recording, announcements, the map. Takes no longer than a millisecond or two."""
+
+
+class Pilot:
+    """Looks always, steers while `exploring`.
+
+    A tick whose pose is missing sends nothing: a velocity means nothing to an autopilot that may not know its own, and
+    silence is what the layers below react to. A tick that lacks anything else sends zero: to stop needs no depth.
+
+    Args:
+        inputs: where observations come from.
+        explorer: what makes setpoints of them.
+        pace: when.
+        helm: where setpoints go.
+        watchers: who is told of every tick.
+        gate: who is told of every tick before its setpoint goes out; without it no setpoint passes.
+    """
+
+    def __init__(
+        self,
+        inputs: Inputs,
+        explorer: Explorer,
+        pace: Pace,
+        helm: Helm | None,
+        watchers: tuple[Watcher, ...] = (),
+        gate: Gate | None = None,
+    ) -> None:
+        self.exploring = False
+        self.measurement: Measurement | None = None
+        """Of the newest tick, None when it had no pose."""
+        self.pose: Pose | None = None
+        self.fresh_s = -math.inf
+        """When a tick last had all its inputs."""
+        self._inputs = inputs
+        self._explorer = explorer
+        self._pace = pace
+        self._helm = helm
+        self._watchers = watchers
+        self._gate = gate
+
+    def measured_height_m(self) -> float | None:
+        """Height above ground, measured by the beam that looks down; None when it is not known now."""
+        return None if self.measurement is None else self.measurement.h_m
+
+    async def run(self) -> None:
+        """Tick until cancelled."""
+        async for now_s in self._pace.ticks():
+            self.tick(now_s)
+
+    def tick(self, now_s: float) -> TickRecord:
+        """One sampling period."""
+        began = time.perf_counter()
+        observation = self._inputs.observe(now_s)
+        measurement: Measurement | None = None
+        setpoint: Setpoint | None = None
+        if observation is None:
+            missing: tuple[str, ...] = ("pose",)
+        elif self.exploring:
+            steering = self._explorer.step(observation)
+            measurement, setpoint = steering.measurement, steering.setpoint
+            missing = measurement.missing
+        else:
+            measurement = self._explorer.look(observation)
+            missing = measurement.missing
+        if "pose" in missing:
+            setpoint = None
+        self.measurement = measurement
+        self.pose = None if observation is None else observation.pose
+        if not missing:
+            self.fresh_s = now_s
+        # Only here, where everything before has succeeded: a tick that failed must not look like one that did.
+        if self._gate is not None:
+            self._gate.ticked(now_s, self.pose, measurement)
+        sent = setpoint is not None and self._helm is not None and self._helm.send(setpoint)
+        mode = self._explorer.navigator.status.mode if self.exploring and not missing else Mode.HOLD
+        duration_s = time.perf_counter() - began
+        stepped = self.exploring and observation is not None
+        record = TickRecord(now_s, observation, measurement, mode, setpoint, stepped, sent, missing, duration_s)
+        for watch in self._watchers:
+            watch(record)
+        return record

@@ -1,0 +1,302 @@
+"""The checks before a flight, in the order in which they are read. None of them arms anything."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import tempfile
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+from typing import Protocol
+
+from companion.autopilot.take_off import send_origin
+from companion.autopilot.telemetry import Telemetry
+from companion.autopilot.vehicle_state import VehicleState
+from companion.autopilot.wire import Link, LinkError
+from companion.clock import Clock, MonotonicClock
+from companion.config.settings import Settings
+from companion.errors import InputError
+from companion.flight.preflight.braking import BRAKING, braking
+from companion.flight.preflight.parameter_check import check_rule
+from companion.flight.preflight.parameter_rules import parameter_check_names, rules
+from companion.flight.preflight.result import CheckResult
+from companion.model import Beam
+
+HEARTBEAT_AGE_S = 2.5
+"""Two heartbeats may be lost on a link that will do."""
+RATE_SHARE = 0.6
+"""Of a rate that was asked for: less is not the jitter of a link but a stream that is not what it should be."""
+POSE_AGE_S = 0.25
+CLOCK_S = 0.03
+STANDING_M = 1.0
+"""The beam that looks down cannot be higher than this above the ground on which the vehicle stands."""
+MAP_MB = 200.0
+MB = 1e6
+_BUSY_MODES = frozenset(
+    {"mission", "auto", "return", "rtl", "smart_rtl", "auto_rtl", "land", "precision land", "termination"}
+)
+_LANDED_IN = frozenset({"land", "precision land"})
+"""Shown by a vehicle that has landed, until somebody chooses another: with the motors off it does nothing."""
+
+
+class Statistics(Protocol):
+    """What is known of a sensor's stream, as `companion.sensors.statistics.StreamStatistics` has it."""
+
+    @property
+    def rate_hz(self) -> float:
+        """Readings a second."""
+        ...
+
+    @property
+    def age_s(self) -> float:
+        """Time since the newest was measured."""
+        ...
+
+
+def check_names(settings: Settings) -> tuple[str, ...]:
+    """The names of all checks, as `run_checks` skips them, of both autopilots."""
+    plain = ("link", "autopilot", "attitude", "position", "clock", *_sensor_names(settings), "height", "estimator")
+    return (*plain, "battery", "storage", "disarmed", "mode", BRAKING, *parameter_check_names(settings))
+
+
+async def run_checks(
+    link: Link,
+    telemetry: Telemetry,
+    settings: Settings,
+    inputs: Mapping[str, Statistics],
+    *,
+    fix: bool = False,
+    skip: Collection[str] = (),
+    height_m: float | None = None,
+    clock: Clock | None = None,
+) -> list[CheckResult]:
+    """Look at everything that a flight needs. A check that fails is a result, not an error.
+
+    Without GPS the autopilot is told a global origin, which it needs to hold; that changes no setting.
+
+    Args:
+        link: to the autopilot.
+        telemetry: running for a few seconds already, so that rates mean something.
+        settings: the whole configuration.
+        inputs: statistics of the sensors' streams, by name: ``depth``, ``planar`` and the beams.
+        fix: set parameters of the autopilot that are not as they should be. Nothing else is changed.
+        skip: names of checks that are not made.
+        height_m: the measured height above ground, None when it is not known.
+        clock: what time it is; by default that of this computer.
+
+    Raises:
+        InputError: ``skip`` names a check that does not exist.
+    """
+    _refuse_unknown(skip, settings)
+    now_s = (clock or MonotonicClock()).now_s()
+    if not settings.autopilot.gps and "estimator" not in skip:
+        _tell_origin(link, now_s)
+    state = telemetry.state(now_s)
+    results = [
+        *_connection(link, telemetry, state, settings, now_s),
+        *_sensors(inputs, settings),
+        _height(height_m, settings),
+        _estimator(state, settings),
+        _battery(state, settings),
+        _storage(settings),
+        _disarmed(state),
+        _mode(state),
+        *braking(link.kind, settings),
+    ]
+    results = [_skipped(result.name) if result.name in skip else result for result in results]
+    for rule in rules(link.kind, settings):
+        results.append(_skipped(rule.name) if rule.name in skip else await check_rule(link, rule, fix))
+    return results
+
+
+def _refuse_unknown(skip: Collection[str], settings: Settings) -> None:
+    known = check_names(settings)
+    unknown = sorted(set(skip) - set(known))
+    if unknown:
+        raise InputError(
+            f"cannot skip {', '.join(unknown)}: no such check. The checks are: {', '.join(dict.fromkeys(known))}"
+        )
+
+
+def _skipped(name: str) -> CheckResult:
+    return CheckResult(name, False, "skipped", "", "", skipped=True)
+
+
+def _tell_origin(link: Link, now_s: float) -> None:
+    try:
+        send_origin(link, now_s)
+    except LinkError:
+        # The check of the link says it better.
+        return
+
+
+def _connection(
+    link: Link, telemetry: Telemetry, state: VehicleState, settings: Settings, now_s: float
+) -> Iterator[CheckResult]:
+    yield CheckResult(
+        "link",
+        state.heartbeat_age_s <= HEARTBEAT_AGE_S,
+        f"last heartbeat {_age(state.heartbeat_age_s)}",
+        f"not older than {HEARTBEAT_AGE_S:g} s",
+        "Heartbeats come once a second; a link that loses three in a row is not one to fly on.",
+        "" if state.heartbeat_age_s <= HEARTBEAT_AGE_S else "look at cable, radio and autopilot.url",
+    )
+    yield CheckResult(
+        "autopilot",
+        True,
+        f"{link.kind.value} {state.version or 'of unknown version'}, system {link.system_id}",
+        "px4 or ardupilot",
+        "What is expected of an autopilot was measured on PX4 main of August 2025 and ArduCopter 4.7-dev.",
+    )
+    for name, message, asked_hz in (
+        ("attitude", "ATTITUDE", settings.autopilot.attitude_hz),
+        ("position", "LOCAL_POSITION_NED", settings.autopilot.position_hz),
+    ):
+        stream = link.watch(message)
+        rate_hz, age_s, least_hz = stream.rate_hz(now_s), stream.age_s(now_s), RATE_SHARE * asked_hz
+        ok = rate_hz >= least_hz and age_s <= POSE_AGE_S
+        yield CheckResult(
+            name,
+            ok,
+            f"{message} at {rate_hz:.1f} Hz, newest {_age(age_s)}",
+            f"at least {least_hz:g} Hz, not older than {POSE_AGE_S:g} s",
+            "Every depth image is placed by the pose at its own time, interpolated between these messages.",
+            ""
+            if ok
+            else f"a faster link, or a lower autopilot.{name}_hz; LOCAL_POSITION_NED comes once there is a position",
+        )
+    residual_s = telemetry.clock_residual_s
+    ok = residual_s is not None and residual_s <= CLOCK_S
+    yield CheckResult(
+        "clock",
+        ok,
+        "not aligned" if residual_s is None else f"known to {residual_s * 1e3:.1f} ms",
+        f"to {CLOCK_S * 1e3:g} ms",
+        f"{CLOCK_S * 1e3:g} ms between the clocks of autopilot and camera turn an image by a degree at 0.6 rad/s.",
+        "" if ok else "the autopilot must answer TIMESYNC; a slow or lossy radio between them will not do",
+    )
+
+
+def _sensor_names(settings: Settings) -> tuple[str, ...]:
+    planar = ("planar",) if settings.sensors.planar.enabled else ()
+    return ("depth", *(beam.value for beam in settings.sensors.beams.directions), *planar)
+
+
+def _sensors(inputs: Mapping[str, Statistics], settings: Settings) -> Iterator[CheckResult]:
+    sensors = settings.sensors
+    for name in _sensor_names(settings):
+        if name == "depth":
+            asked_hz, oldest_s = sensors.camera.rate_hz, sensors.scan.stale_after_s
+            reason = "Without a look ahead that is fresh the vehicle stands still."
+        elif name == "planar":
+            asked_hz, oldest_s = sensors.planar.rate_hz, sensors.scan.stale_after_s
+            reason = "It is configured, so the vehicle counts on it."
+        else:
+            asked_hz, oldest_s = sensors.beams.rate_hz, sensors.beams.stale_after_s
+            reason = (
+                "The height law holds the height above ground by it."
+                if name == Beam.DOWN
+                else "It is configured, so the vehicle counts on it where the camera does not look."
+            )
+        found = inputs.get(name)
+        rate_hz, age_s = (0.0, math.inf) if found is None else (found.rate_hz, found.age_s)
+        ok = rate_hz >= RATE_SHARE * asked_hz and age_s <= oldest_s
+        yield CheckResult(
+            name,
+            ok,
+            f"{rate_hz:.1f} Hz, newest {_age(age_s)}",
+            f"at least {RATE_SHARE * asked_hz:g} Hz, not older than {oldest_s:g} s",
+            reason,
+            "" if ok else "look at the sensor and at sensors.drivers, or take it out of the settings",
+        )
+
+
+def _height(height_m: float | None, settings: Settings) -> CheckResult:
+    most_m = min(STANDING_M, settings.control.height_m)
+    ok = height_m is not None and 0.0 < height_m < most_m
+    return CheckResult(
+        "height",
+        ok,
+        "not measured" if height_m is None else f"{height_m:.2f} m",
+        f"above 0 and below {most_m:g} m while it stands",
+        "The take-off ends when this measurement says so.",
+        "" if ok else "look at the beam that looks down; if it cannot see this near, --skip height",
+    )
+
+
+def _estimator(state: VehicleState, settings: Settings) -> CheckResult:
+    ok = state.position_valid and state.pose_age_s <= 2.0 * POSE_AGE_S
+    by = "GPS" if settings.autopilot.gps else "external odometry; GPS is not waited for"
+    return CheckResult(
+        "estimator",
+        ok,
+        ("position valid" if state.position_valid else "position not valid") + f", pose {_age(state.pose_age_s)}",
+        f"valid and fresh (by {by})",
+        "A velocity means nothing to an autopilot that does not know its own.",
+        ""
+        if ok
+        else "wait until the estimator has settled" + ("" if settings.autopilot.gps else "; is odometry fed to it?"),
+    )
+
+
+def _battery(state: VehicleState, settings: Settings) -> CheckResult:
+    low = settings.mission.battery_low_percent
+    percent = state.battery_percent
+    ok = percent is not None and percent > low
+    return CheckResult(
+        "battery",
+        ok,
+        "not known" if percent is None else f"{percent:.0f} %",
+        f"more than {low:g} %",
+        "At mission.battery_low_percent the flight ends.",
+        "" if ok else "charge it, or let the autopilot measure it",
+    )
+
+
+def _storage(settings: Settings) -> CheckResult:
+    folder = Path(settings.record.folder).absolute()
+    existing = next(path for path in (folder, *folder.parents) if path.exists())
+    need_mb = MAP_MB + (settings.record.largest_mb if settings.record.enabled else 0.0)
+    try:
+        with tempfile.TemporaryFile(dir=existing):
+            free_mb = shutil.disk_usage(existing).free / MB
+    except OSError as error:
+        found, ok = f"{existing}: {error.strerror}", False
+    else:
+        found, ok = f"{free_mb:.0f} MB free in {existing}", free_mb >= need_mb
+    return CheckResult(
+        "storage",
+        ok,
+        found,
+        f"writable, {need_mb:g} MB free",
+        "The recording and the map are written during and after the flight.",
+        "" if ok else "make room, lower record.largest_mb, or name another record.folder",
+    )
+
+
+def _disarmed(state: VehicleState) -> CheckResult:
+    return CheckResult(
+        "disarmed",
+        not state.armed,
+        "armed" if state.armed else "disarmed",
+        "disarmed",
+        "A vehicle that is armed already is in somebody's hands.",
+        "land and disarm it" if state.armed else "",
+    )
+
+
+def _mode(state: VehicleState) -> CheckResult:
+    stands = state.mode in _LANDED_IN and not state.armed
+    ok = state.mode != "unknown" and (stands or state.mode not in _BUSY_MODES)
+    return CheckResult(
+        "mode",
+        ok,
+        state.mode,
+        "known, and not one that flies or lands by itself",
+        "A mode like this says that a mission or a failsafe of the autopilot is at work.",
+        "" if ok else "choose hold (PX4) or guided (ArduPilot) at the ground station",
+    )
+
+
+def _age(age_s: float) -> str:
+    return "never came" if math.isinf(age_s) else f"{age_s:.2f} s old"

@@ -1,0 +1,69 @@
+"""Everything that listens: the link, the telemetry, the sensors. Shared by the pre-flight check and the flight."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+
+from companion.autopilot.link import MavsdkLink
+from companion.autopilot.telemetry import Telemetry
+from companion.autopilot.wire import Link
+from companion.clock import Clock
+from companion.config.settings import Settings
+from companion.errors import InputError
+from companion.flight.gate_client import GateTalk
+from companion.flight.tasks import background
+from companion.inputs import Inputs
+from companion.sensors.drivers import DriverContext, SensorDriver, load_drivers
+from companion.sensors.sink import SensorSink
+
+DRIVER_REST_S = 1.0
+"""A driver that failed is started again after this long."""
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """What is listened to."""
+
+    settings: Settings
+    clock: Clock
+    link: Link
+    telemetry: Telemetry
+    sink: SensorSink
+    inputs: Inputs
+    gate: GateTalk
+
+
+@asynccontextmanager
+async def open_session(settings: Settings, clock: Clock, gate: GateTalk) -> AsyncIterator[Session]:
+    """Connect to the autopilot through the gate and start the sensors; everything ends with the block.
+
+    Raises:
+        LinkError: no autopilot answered.
+        GateLostError: the gate ended before anything flew.
+        InputError: a driver's settings can never work.
+    """
+    async with background(gate.run()), MavsdkLink(settings.autopilot, clock, gate.url) as link:
+        autopilot = settings.autopilot
+        telemetry = Telemetry(link, clock, autopilot.attitude_hz, autopilot.position_hz)
+        sink = SensorSink(clock)
+        drivers = load_drivers(settings, DriverContext(clock, link))
+        async with background(telemetry.run(), *(_keep_running(driver, sink) for driver in drivers)):
+            yield Session(settings, clock, link, telemetry, sink, Inputs(sink, telemetry.poses), gate)
+
+
+async def _keep_running(driver: SensorDriver, sink: SensorSink) -> None:
+    """A driver that fails takes its readings away and nothing else: the vehicle stops until they are back."""
+    while True:
+        try:
+            await driver.run(sink)
+        except InputError:
+            raise
+        except Exception:  # noqa: BLE001 - a driver may be anybody's, and may fail in any way
+            _log.exception("sensor driver %s failed; it is started again in %g s", driver.name, DRIVER_REST_S)
+        await asyncio.sleep(DRIVER_REST_S)

@@ -1,0 +1,120 @@
+"""The commands of a flight, as far as nothing flies: what they refuse, and how they say so."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NoReturn
+
+import pytest
+
+from companion.cli import main as cli
+from companion.config.load import load_settings
+from companion.config.settings import Settings
+from companion.flight import launch as handover
+from tests.recording.flights import fly_in_room
+
+
+def exit_code(*arguments: str) -> int:
+    """What the shell gets."""
+    with pytest.raises(SystemExit) as ended:
+        cli.main(arguments)
+    code = ended.value.code
+    return 0 if code is None else int(code)
+
+
+@pytest.mark.parametrize("command", ["figures", "replay"])
+def test_what_is_no_recording_is_refused(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "notes.mcap"
+    file.write_text("no recording")
+    assert exit_code(command, str(file)) == 2
+    assert str(file) in capsys.readouterr().err
+
+
+def test_a_replay_compares_and_its_exit_code_says_what_came_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "flight.mcap"
+    fly_in_room(file, 5.0)
+    assert exit_code("replay", str(file), "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["compared"] > 50
+    assert found["differing"] == 0
+    slower = tmp_path / "slower.yaml"
+    slower.write_text("control:\n  max_yaw_rate_radps: 0.55\n")
+    assert exit_code("replay", str(file), "--config", str(slower)) == 1
+
+
+@pytest.mark.parametrize("command", ["check", "run"])
+def test_settings_that_cannot_be_used_are_refused_before_anything_starts(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "vehicle.yaml"
+    file.write_text("autopilot:\n  url: usb0\n")
+    assert exit_code(command, "--config", str(file)) == 2
+    message = capsys.readouterr().err
+    assert f"{file}:2" in message
+    assert "expected udpin://" in message
+
+
+@dataclass
+class Handed:
+    """What would have been handed over to the gate."""
+
+    settings: Settings
+    words: Sequence[str]
+    restart_words: Sequence[str] | None
+
+
+@pytest.fixture
+def handed(monkeypatch: pytest.MonkeyPatch) -> list[Handed]:
+    found: list[Handed] = []
+
+    def become(*arguments: Any) -> NoReturn:
+        found.append(Handed(*arguments))
+        raise SystemExit(0)
+
+    monkeypatch.setattr(handover, "become_the_gate", become)
+    return found
+
+
+def test_a_flight_is_handed_to_the_gate_as_it_was_ordered(handed: list[Handed], tmp_path: Path) -> None:
+    file = tmp_path / "vehicle.yaml"
+    file.write_text("preset: table_ii\ncontrol:\n  speed_law: governor\n")
+    words = ("--seed", "4", "--fix", "--skip", "battery", "--skip", "depth", "--start", "now")
+    assert exit_code("run", "--config", str(file), *words) == 0
+    (flight,) = handed
+    assert flight.settings.mission.start == "now"
+    assert flight.settings.control == load_settings(file).control
+    assert list(flight.words) == [
+        *("run", "--preset", "table_ii", "--seed", "4", "--fix", "--skip=battery", "--skip=depth")
+    ]
+
+
+@pytest.mark.parametrize(("terminal", "by"), [(True, "key"), (False, "command")])
+def test_after_a_death_nothing_flies_by_itself(
+    terminal: bool, by: str, handed: list[Handed], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Protects whoever walks to a vehicle that has just landed without being asked to."""
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda: terminal))
+    assert exit_code("run", "--start", "now", "--seed", "4") == 0
+    assert handed[0].restart_words == [*handed[0].words, "--start", by]
+
+
+def test_a_check_is_handed_over_and_never_made_again(handed: list[Handed]) -> None:
+    assert exit_code("check", "--fix") == 0
+    assert handed == [Handed(load_settings(), ["check", "--preset", "flight", "--fix"], None)]
+
+
+@pytest.mark.parametrize("command", ["check", "run"])
+def test_a_configuration_in_which_a_wall_can_be_reached_is_refused(
+    command: str, handed: list[Handed], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "vehicle.yaml"
+    file.write_text("safety:\n  stale:\n    depth_s: 5.0\n")
+    assert exit_code(command, "--config", str(file)) == 2
+    assert "a wall can be reached" in capsys.readouterr().err
+    assert handed == []

@@ -1,0 +1,224 @@
+"""From take-off to the end: what the gate is told meanwhile, and who has the vehicle when something goes wrong."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, Self
+
+import pytest
+
+from companion.config.load import load_settings
+from companion.flight.airborne import InTheAir
+from companion.flight.gate_client import GateLostError, GateTalk, GateTookOverError
+from companion.flight.operator_commands import InterruptedFlightError, Orders
+from companion.flight.termination import Ending
+from companion.gate.protocol import Phase
+from companion.mavlink.firmware import AutopilotKind
+from tests.autopilot.fake_link import HandClock
+from tests.flight.fake_gate import FakeGate
+from tests.flight.test_reporting import STATUS
+from tests.flight.test_termination import standing
+
+
+class Vehicle:
+    """Does what it is told, and notes it; hangs in the manoeuvre that the test names."""
+
+    def __init__(self, gate: GateTalk) -> None:
+        self.told: list[tuple[str, Phase]] = []
+        self.hangs = ""
+        self.patience_s = 60.0
+        self.foreign_mode: str | None = None
+        self.mode, self.armed = "hold", True
+        self.leaves_in = "land"
+        self._gate = gate
+
+    @property
+    def pilot_took_over(self) -> bool:
+        return self.foreign_mode is not None
+
+    async def _do(self, what: str) -> None:
+        self.told.append((what, self._gate.phase))
+        if self.hangs == what:
+            await asyncio.sleep(self.patience_s)
+
+    async def take_off(self, *_: object) -> None:
+        await self._do("take off")
+
+    async def engage(self) -> None:
+        await self._do("engage")
+        self.mode = "offboard"
+
+    async def land(self) -> bool:
+        await self._do("land")
+        self.mode, self.armed = "land", False
+        return True
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self._do("leave")
+        if self.armed and self.mode == "offboard":
+            self.mode = self.leaves_in
+
+
+class Pilot:
+    """Ticks, until the test has it fail."""
+
+    def __init__(self, gate: GateTalk, vehicle: Vehicle) -> None:
+        self.exploring = False
+        self.fresh_s = 0.0
+        self.fails = False
+        self._gate = gate
+        self._vehicle = vehicle
+
+    def measured_height_m(self) -> float:
+        return 1.5
+
+    async def run(self) -> None:
+        while True:
+            self._gate.look()
+            if self.fails and self.exploring:
+                raise ZeroDivisionError
+            self._gate.ticked(1.0, None, None)
+            await asyncio.sleep(0.01)
+
+
+class Stand:
+    """A flight on which all is well until the test says otherwise."""
+
+    def __init__(self, gate: FakeGate) -> None:
+        self.gate = gate
+        self.talk = GateTalk(gate.link, HandClock(), lambda _: None)
+        self.vehicle = Vehicle(self.talk)
+        self.pilot = Pilot(self.talk, self.vehicle)
+        self.orders = Orders(by_command=False)
+        self.status = STATUS
+        self.ended: list[tuple[Ending, str]] = []
+        announcements = SimpleNamespace(phase=lambda _: None, ended=lambda *told: self.ended.append(told))
+        session = SimpleNamespace(
+            settings=load_settings(),
+            clock=SimpleNamespace(now_s=lambda: 0.0),
+            link=SimpleNamespace(kind=AutopilotKind.PX4),
+            telemetry=SimpleNamespace(state=self._state),
+            gate=self.talk,
+        )
+        parts: Any = (session, self.orders, self.vehicle, self.pilot, self, announcements)
+        self.flight = InTheAir(*parts)
+
+    def _state(self, _: float) -> object:
+        return replace(standing().vehicle, armed=self.vehicle.armed, mode=self.vehicle.mode)
+
+    async def _meanwhile(self, what: str) -> None:
+        await asyncio.sleep(0.3)
+        if what == "complete":
+            self.status = replace(STATUS, complete=True)
+        elif what == "stop":
+            self.orders.stop.set()
+        elif what == "gate dies":
+            self.gate.die()
+        elif what == "gate holds":
+            self.gate.say("hold: depth_stale")
+            await asyncio.sleep(0.1)
+            self.vehicle.foreign_mode = "hold"
+        elif what == "tick fails":
+            self.pilot.fails = True
+
+    def fly(self, what: str) -> Ending:
+        """One flight in which this happens soon after the take-off."""
+
+        async def flight() -> Ending:
+            happening = asyncio.create_task(self._meanwhile(what))
+            try:
+                return await asyncio.wait_for(self.flight.run(), 10.0)
+            finally:
+                happening.cancel()
+
+        return asyncio.run(flight())
+
+    @property
+    def told(self) -> list[str]:
+        return [what for what, _ in self.vehicle.told]
+
+
+@pytest.fixture
+def stand() -> Iterator[Stand]:
+    with FakeGate() as gate:
+        yield Stand(gate)
+
+
+def test_the_gate_knows_what_is_to_be_expected_at_every_time(stand: Stand) -> None:
+    assert stand.fly("complete") is Ending.COMPLETE
+    assert stand.vehicle.told == [
+        ("take off", Phase.CLIMBING),
+        ("engage", Phase.CLIMBING),
+        ("land", Phase.ENDING),
+        ("leave", Phase.ENDING),
+    ]
+    phases = list(dict.fromkeys(beat.phase for beat in stand.gate.beats()))
+    assert phases[-1] is Phase.ENDED
+    assert [phase for phase in phases if phase is not Phase.ENDING] == [Phase.CLIMBING, Phase.EXPLORING, Phase.ENDED]
+
+
+def test_when_the_gate_dies_nothing_more_is_tried(stand: Stand) -> None:
+    assert stand.fly("gate dies") is Ending.GATE_LOST
+    assert "land" not in stand.told
+    assert not stand.pilot.exploring
+
+
+@pytest.mark.parametrize("hangs", ["take off", "engage"])
+def test_when_the_gate_dies_during_the_take_off_it_is_over_at_once(hangs: str, stand: Stand) -> None:
+    stand.vehicle.hangs = hangs
+    with pytest.raises(GateLostError, match="gate lost"):
+        stand.fly("gate dies")
+    assert stand.told[-1] == "leave"
+
+
+def test_when_the_gate_holds_hands_are_off_and_it_is_named(stand: Stand) -> None:
+    assert stand.fly("gate holds") is Ending.GATE
+    assert stand.ended == [(Ending.GATE, "hold: depth_stale")]
+    assert "land" not in stand.told
+    assert stand.talk.phase is Phase.ENDED
+
+
+def test_a_take_off_that_the_gate_ends_is_named_as_that(stand: Stand) -> None:
+    """On PX4 hold is a mode of the take-off too: without its word the climb would be waited for."""
+    stand.vehicle.hangs = "take off"
+    with pytest.raises(GateTookOverError, match="during the take-off: hold: depth_stale"):
+        stand.fly("gate holds")
+    assert stand.told == ["take off", "leave"]
+
+
+def test_a_landing_is_not_broken_off_by_the_gate(stand: Stand) -> None:
+    """It would be told to land once more, by whoever has just stopped waiting for it."""
+    stand.vehicle.hangs, stand.vehicle.patience_s = "land", 0.5
+    stand.status = replace(STATUS, complete=True)
+    assert stand.fly("gate holds") is Ending.COMPLETE
+    assert stand.told == ["take off", "engage", "land", "leave"]
+
+
+def test_a_stop_in_the_take_off_breaks_it_off(stand: Stand) -> None:
+    stand.vehicle.hangs = "take off"
+    with pytest.raises(InterruptedFlightError):
+        stand.fly("stop")
+    assert stand.told == ["take off", "leave"]
+    assert dict(stand.vehicle.told)["leave"] is Phase.ENDING
+
+
+def test_an_exception_in_a_tick_leaves_the_vehicle_landing_and_is_seen(stand: Stand) -> None:
+    with pytest.raises(ZeroDivisionError):
+        stand.fly("tick fails")
+    assert stand.told[-1] == "leave"
+    assert stand.talk.phase is Phase.ENDED, "the map may be written in peace"
+
+
+def test_a_vehicle_that_could_not_be_left_in_order_stays_the_gates_business(stand: Stand) -> None:
+    """Else nobody would stop a vehicle that flies on in offboard while the map is written."""
+    stand.vehicle.leaves_in = "offboard"
+    with pytest.raises(ZeroDivisionError):
+        stand.fly("tick fails")
+    assert stand.talk.phase is Phase.ENDING
+    assert Phase.ENDED not in {beat.phase for beat in stand.gate.beats()}

@@ -1,0 +1,194 @@
+"""The loop that flies: what is sent, and what is not, when something is missing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from companion.config.load import load_settings
+from companion.explorer import Explorer
+from companion.flight.control_loop import Pilot, TickRecord
+from companion.flight.rate import Pace
+from companion.inputs import Inputs
+from companion.model import Beam, Measurement, Mode, Pose, RangeReading, Setpoint
+from companion.poses import PoseBuffer
+from companion.sensors.sink import RawDepth, SensorSink
+from tests.autopilot.fake_link import HandClock
+
+SETTINGS = load_settings(None, "flight")
+CAMERA = SETTINGS.sensors.camera.model()
+
+
+class Helm:
+    """Notes what it is asked to send."""
+
+    def __init__(self) -> None:
+        self.sent: list[Setpoint] = []
+        self.refuses = False
+
+    def send(self, setpoint: Setpoint) -> bool:
+        self.sent.append(setpoint)
+        return not self.refuses
+
+
+class Gate:
+    """Notes the beats, and what had been sent by then."""
+
+    def __init__(self, helm: Helm) -> None:
+        self.beats: list[tuple[float, Pose | None, Measurement | None]] = []
+        self.sent_before: list[int] = []
+        self._helm = helm
+
+    def ticked(self, t_s: float, pose: Pose | None, measurement: Measurement | None) -> None:
+        self.beats.append((t_s, pose, measurement))
+        self.sent_before.append(len(self._helm.sent))
+
+
+class Bench:
+    """A pilot whose sensors and poses come when the test says so."""
+
+    def __init__(self) -> None:
+        self.clock = HandClock(100.0)
+        self.sink = SensorSink(self.clock)
+        self.poses = PoseBuffer()
+        self.helm = Helm()
+        self.gate = Gate(self.helm)
+        self.seen: list[TickRecord] = []
+        self.pilot = Pilot(
+            Inputs(self.sink, self.poses),
+            Explorer(SETTINGS, np.random.default_rng(1)),
+            Pace(self.clock, 0.05),
+            self.helm,
+            (self.seen.append,),
+            self.gate,
+        )
+
+    def tick(self, *, pose: bool = True, depth: bool = True, down: bool = True, h_m: float = 1.5) -> TickRecord:
+        """Let 50 ms pass in which these arrive, and tick."""
+        for _ in range(2):
+            self.clock.advance(0.025)
+            if pose:
+                self.poses.add_attitude(self.clock.time_s, 0.0, 0.0, 0.0, 0.0)
+                self.poses.add_position(self.clock.time_s, 0.0, 0.0, 1.5, 0.0, 0.0, 0.0)
+        now_s = self.clock.time_s
+        if depth:
+            shape = (CAMERA.height_px, CAMERA.width_px)
+            self.sink.depth(RawDepth(now_s - 0.01, np.full(shape, 4.0, np.float32), CAMERA))
+        if down:
+            self.sink.ranges([RangeReading(Beam.DOWN, now_s, h_m, 8.0)])
+        return self.pilot.tick(now_s)
+
+
+def test_it_looks_without_steering_until_it_explores() -> None:
+    bench = Bench()
+    tick = bench.tick()
+    assert tick.setpoint is None
+    assert bench.helm.sent == []
+    assert bench.pilot.measured_height_m() == pytest.approx(1.5)
+    assert tick.mode is Mode.HOLD
+
+
+def test_exploring_sends_one_setpoint_a_tick() -> None:
+    bench = Bench()
+    bench.tick()
+    bench.pilot.exploring = True
+    for _ in range(4):
+        assert bench.tick().sent
+    assert len(bench.helm.sent) == 4
+    assert [setpoint.t_s for setpoint in bench.helm.sent] == [tick.t_s for tick in bench.seen[1:]]
+    assert bench.helm.sent[-1].yaw_rate_radps != 0.0  # R1 turns
+
+
+def test_a_lost_pose_is_silence() -> None:
+    """A velocity means nothing to an autopilot that does not know its own."""
+    bench = Bench()
+    bench.pilot.exploring = True
+    bench.tick()
+    sent = len(bench.helm.sent)
+    for _ in range(8):
+        tick = bench.tick(pose=False)
+    assert tick.missing == ("pose",)
+    assert tick.setpoint is None
+    # A pose is good for 0.3 s: the first few ticks still had one.
+    assert len(bench.helm.sent) - sent <= 6
+    assert not bench.seen[-1].sent
+
+
+@pytest.mark.parametrize(("lost", "name"), [({"depth": False}, "depth"), ({"down": False}, "height")])
+def test_a_lost_sensor_is_a_stop(lost: dict[str, bool], name: str) -> None:
+    bench = Bench()
+    bench.pilot.exploring = True
+    for _ in range(3):
+        bench.tick()
+    for _ in range(12):
+        tick = bench.tick(**lost)
+    assert name in tick.missing
+    assert tick.sent
+    assert tick.setpoint is not None
+    assert (tick.setpoint.speed_mps, tick.setpoint.yaw_rate_radps) == (0.0, 0.0)
+    assert tick.mode is Mode.HOLD
+    assert bench.clock.time_s - bench.pilot.fresh_s > 0.05
+    assert bench.tick().missing == ()
+    assert bench.pilot.fresh_s == bench.clock.time_s
+
+
+def test_before_the_first_pose_a_tick_says_what_is_missing() -> None:
+    bench = Bench()
+    bench.pilot.exploring = True
+    tick = bench.tick(pose=False)
+    assert (tick.missing, tick.observation, tick.sent) == (("pose",), None, False)
+    assert bench.pilot.measured_height_m() is None
+
+
+def test_a_helm_that_refuses_is_recorded() -> None:
+    """The pilot has taken over: the record must not say that our setpoint went out."""
+    bench = Bench()
+    bench.pilot.exploring = True
+    bench.helm.refuses = True
+    tick = bench.tick()
+    assert tick.setpoint is not None
+    assert not tick.sent
+
+
+def test_every_tick_is_told_to_every_watcher() -> None:
+    bench = Bench()
+    ticks = [bench.tick() for _ in range(3)]
+    assert bench.seen == ticks
+    assert all(tick.duration_s > 0.0 for tick in ticks)
+
+
+def test_the_gate_hears_of_a_tick_before_it_sees_the_setpoint() -> None:
+    """Without a beat as new as the setpoint the gate would have to stop the vehicle once in each tick."""
+    bench = Bench()
+    bench.pilot.exploring = True
+    ticks = [bench.tick() for _ in range(3)]
+    assert [t_s for t_s, _, _ in bench.gate.beats] == [tick.t_s for tick in ticks]
+    assert [measurement for _, _, measurement in bench.gate.beats] == [tick.measurement for tick in ticks]
+    assert bench.gate.beats[-1][1] == bench.pilot.pose
+    assert bench.gate.sent_before == [0, 1, 2]
+
+
+def test_on_the_ground_and_without_a_pose_the_gate_hears_of_ticks_too() -> None:
+    bench = Bench()
+    bench.tick(pose=False)
+    bench.tick()
+    assert bench.gate.beats[0][1:] == (None, None)
+    assert bench.gate.beats[1][1] is not None
+    assert bench.helm.sent == []
+
+
+@pytest.mark.parametrize("fails", ["observe", "step"])
+def test_a_tick_that_fails_is_none(fails: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protects the meaning of a beat: everything that a setpoint rests on was looked at, and worked."""
+    bench = Bench()
+    bench.pilot.exploring = True
+    bench.tick()
+
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(Inputs if fails == "observe" else Explorer, fails, broken)
+    with pytest.raises(ZeroDivisionError):
+        bench.tick()
+    assert len(bench.gate.beats) == 1
+    assert len(bench.helm.sent) == 1

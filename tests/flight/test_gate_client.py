@@ -1,0 +1,163 @@
+"""What the gate is told of a tick, and what operator, recording and summary get of what it says."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import cast
+
+import pytest
+
+from companion.flight.gate_client import KINDS_OF_NOTICES, OTHERS, GateLostError, GateTalk
+from companion.gate.protocol import Phase
+from companion.model import Pose
+from companion.recording import Recorder
+from tests.autopilot.fake_link import HandClock
+from tests.control.stages import beside
+from tests.flight.fake_gate import FakeGate
+from tests.flight.test_reporting import Notes
+
+POSE = Pose(99.98, 0.0, 0.0, 1.5, 0.0)
+
+
+class Stand:
+    """A talk with a fake gate."""
+
+    def __init__(self, gate: FakeGate) -> None:
+        self.gate = gate
+        self.clock = HandClock(100.0)
+        self.said: list[str] = []
+        self.notes = Notes()
+        self.talk = GateTalk(gate.link, self.clock, self.said.append)
+        self.talk.recorder = cast("Recorder", self.notes)
+
+
+@pytest.fixture
+def stand() -> Iterator[Stand]:
+    with FakeGate() as gate:
+        yield Stand(gate)
+
+
+def test_a_beat_carries_the_ages_of_what_the_tick_rested_on(stand: Stand) -> None:
+    stand.talk.phase = Phase.EXPLORING
+    stand.talk.has_map(lambda: 0.7)
+    told = replace(beside(1), scan_age_s=0.2, ranges_age_s=0.1, ahead_m=2.5)
+    stand.talk.ticked(100.0, POSE, told)
+    (beat,) = stand.gate.beats()
+    assert (beat.t_s, beat.depth_age_s, beat.ranges_age_s, beat.ahead_m) == (100.0, 0.2, 0.1, 2.5)
+    assert beat.pose_age_s == pytest.approx(0.02)
+    assert (beat.map_age_s, beat.phase) == (0.7, Phase.EXPLORING)
+
+
+def test_before_the_first_pose_nothing_is_known(stand: Stand) -> None:
+    stand.talk.ticked(100.0, None, None)
+    (beat,) = stand.gate.beats()
+    assert beat.pose_age_s == beat.depth_age_s == beat.ranges_age_s == beat.map_age_s == math.inf
+    assert math.isnan(beat.ahead_m)
+    assert beat.phase is Phase.GROUND
+
+
+def test_a_stamp_from_the_future_is_no_age(stand: Stand) -> None:
+    """The gate refuses a beat with an age below zero; silence would say that the tick failed, which it did not."""
+    told = replace(beside(1), scan_age_s=-0.2, ranges_age_s=math.nan)
+    stand.talk.ticked(100.0, replace(POSE, t_s=100.01), told)
+    (beat,) = stand.gate.beats()
+    assert beat.pose_age_s == beat.depth_age_s == beat.ranges_age_s == math.inf
+
+
+def test_notices_are_shown_recorded_and_counted(stand: Stand) -> None:
+    for text in ("brake: depth_stale", "pass: all is well", "brake: depth_stale"):
+        stand.gate.say(text)
+    stand.talk.look()
+    assert stand.said == ["gate: brake: depth_stale", "gate: pass: all is well", "gate: brake: depth_stale"]
+    assert ("gate", "brake: depth_stale", logging.WARNING) in stand.notes.events
+    assert stand.talk.counted == {"brake: depth_stale": 2, "pass: all is well": 1}
+
+
+def test_a_gate_with_ever_new_words_does_not_fill_the_memory(stand: Stand) -> None:
+    for number in range(KINDS_OF_NOTICES + 10):
+        stand.gate.say(f"notice {number}")
+        stand.talk.look()
+    assert len(stand.talk.counted) == KINDS_OF_NOTICES + 1
+    assert stand.talk.counted[OTHERS] == 10
+
+
+@pytest.mark.parametrize(
+    ("texts", "took_over"),
+    [
+        ((), None),
+        (("brake: beat_late",), None),
+        (("brake: beat_late", "hold: beat_late"), "hold: beat_late"),
+        (("hold: beat_late", "land: beat_late", "beat_late again"), "land: beat_late"),
+        (("hold: beat_late", "pass: all is well"), None),
+    ],
+)
+def test_it_is_known_whether_the_gate_has_taken_the_mode(
+    stand: Stand, texts: tuple[str, ...], took_over: str | None
+) -> None:
+    """Else an operator would look for a pilot, or for a failsafe of the autopilot, that there was not."""
+    for text in texts:
+        stand.gate.say(text)
+    stand.talk.look()
+    assert stand.talk.took_over == took_over
+
+
+def test_the_loss_of_the_gate_is_told_once(stand: Stand) -> None:
+    stand.gate.die()
+    stand.talk.look()
+    stand.talk.look()
+    assert stand.talk.lost.is_set()
+    assert len(stand.said) == 1
+    assert "failsafe" in stand.said[0]
+
+
+def test_on_the_ground_the_loss_of_the_gate_is_the_end(stand: Stand) -> None:
+    stand.gate.die()
+    with pytest.raises(GateLostError, match="nothing was armed"):
+        asyncio.run(asyncio.wait_for(stand.talk.run(), 5.0))
+
+
+@pytest.mark.parametrize("phase", [Phase.CLIMBING, Phase.EXPLORING, Phase.ENDING])
+def test_in_the_air_the_loss_is_for_the_flight_to_deal_with(stand: Stand, phase: Phase) -> None:
+    """What was flown for is to be saved; an error from here would take the map away."""
+    stand.talk.phase = phase
+    stand.gate.die()
+
+    async def fly() -> None:
+        listening = asyncio.create_task(stand.talk.run())
+        await asyncio.wait_for(stand.talk.lost.wait(), 5.0)
+        await asyncio.sleep(0)
+        assert not listening.done()
+        listening.cancel()
+
+    asyncio.run(fly())
+
+
+def test_the_end_is_said_again_while_the_map_is_written(stand: Stand) -> None:
+    """An end that was missed would look like a hang, for which an application is killed."""
+
+    async def write() -> None:
+        stand.talk.ended()
+        listening = asyncio.create_task(stand.talk.run())
+        await asyncio.sleep(0.25)
+        listening.cancel()
+
+    asyncio.run(write())
+    beats = stand.gate.beats()
+    assert len(beats) >= 3
+    assert {beat.phase for beat in beats} == {Phase.ENDED}
+
+
+def test_on_the_ground_only_ticks_are_told(stand: Stand) -> None:
+    """A beat says that a tick was completed: nothing else may look like one."""
+
+    async def wait() -> None:
+        listening = asyncio.create_task(stand.talk.run())
+        await asyncio.sleep(0.25)
+        listening.cancel()
+
+    asyncio.run(wait())
+    assert stand.gate.beats() == []

@@ -1,0 +1,117 @@
+"""What one process hands over to the next: it cannot be changed, and it can be read more than once."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from companion.config.load import load_settings
+from companion.config.settings import Settings
+from companion.errors import InputError
+from companion.flight.launch import become_the_gate, module, sealed, unsealed
+from companion.gate.plan import Plan
+
+
+def test_what_was_handed_over_cannot_be_changed_by_anybody() -> None:
+    """Protects a flight from a change of its configuration under it, and a restart from meaning something else."""
+    number = sealed("test", "one")
+    try:
+        for change in (
+            lambda: os.write(number, b"two"),
+            lambda: os.ftruncate(number, 1),
+            lambda: os.ftruncate(number, 9),
+        ):
+            with pytest.raises(PermissionError):
+                change()
+        assert unsealed(number) == "one"
+        assert unsealed(number) == "one", "a restarted application reads it again"
+    finally:
+        os.close(number)
+
+
+def test_it_is_inherited() -> None:
+    number = sealed("test", "vehicle: ä")
+    code = f"from companion.flight.launch import unsealed; assert unsealed({number}) == 'vehicle: ä'"
+    try:
+        for _ in range(2):
+            subprocess.run([sys.executable, "-c", code], pass_fds=(number,), check=True)
+        assert os.get_inheritable(number)
+    finally:
+        os.close(number)
+
+
+def test_only_what_is_sealed_is_read(tmp_path: Path) -> None:
+    with (tmp_path / "settings.json").open("w+") as file:
+        file.write("{}")
+        file.flush()
+        for number in (file.fileno(), 99999, -1, 2**40):
+            with pytest.raises(InputError, match="companion run"):
+                unsealed(number)
+
+
+class _Executed(Exception):  # noqa: N818  what happened is no fault
+    """This process would be another program now."""
+
+
+@pytest.fixture
+def executed(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+    """The command lines that would have replaced this process."""
+    found: list[list[str]] = []
+
+    def execv(file: str, arguments: list[str]) -> None:
+        assert file == arguments[0]
+        found.append(arguments)
+        raise _Executed
+
+    monkeypatch.setattr(os, "execv", execv)
+    return found
+
+
+def plan_of(arguments: list[str]) -> Plan:
+    """What the gate would be told."""
+    assert arguments[-3:-1] == ["companion.gate", "--plan-fd"]
+    return Plan.loads(unsealed(int(arguments[-1])))
+
+
+def test_the_gate_gets_its_plan_and_the_application_its_settings(executed: list[list[str]]) -> None:
+    settings = load_settings(preset="table_ii")
+    with pytest.raises(_Executed):
+        become_the_gate(settings, ["run", "--seed", "3"], ["run", "--seed", "3", "--start", "key"])
+    (arguments,) = executed
+    plan = plan_of(arguments)
+    assert plan.autopilot_url == settings.autopilot.url
+    at = plan.command.index("--settings-fd")
+    assert plan.command[:at] == (*module("companion.flight"),)
+    assert plan.command[at + 2 :] == ("run", "--seed", "3")
+    assert plan.restart_command == (*plan.command, "--start", "key")
+    (number,) = plan.inherit
+    assert plan.command[at + 1] == str(number)
+    assert Settings.model_validate_json(unsealed(number), strict=True) == settings
+    assert plan.restarts > 0
+    json.loads(plan.dumps())
+
+
+def test_a_check_that_dies_is_not_made_again(executed: list[list[str]]) -> None:
+    with pytest.raises(_Executed):
+        become_the_gate(load_settings(), ["check"], None)
+    plan = plan_of(executed[0])
+    assert plan.restarts == 0
+    assert plan.restart_command == plan.command
+
+
+@pytest.mark.parametrize(("first", "safe"), [("", False), ("/elsewhere/bin", True), (None, False)])
+def test_a_module_is_not_looked_for_where_this_process_did_not_look(
+    first: str | None, safe: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Started in a folder with anybody's `json.py` in it, the gate must not import that."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [str(tmp_path) if first is None else first, *sys.path])
+    assert ("-P" in module("companion.gate")) is safe
+    (tmp_path / "json.py").write_text("raise SystemExit(77)")
+    ended = subprocess.run([*module("json.tool"), "--help"], capture_output=True, check=False)
+    assert (ended.returncode == 0) is safe

@@ -1,0 +1,203 @@
+"""What pilot, operator and recording are told."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, field, replace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from companion.autopilot.announce import Announcer
+from companion.autopilot.telemetry import Telemetry
+from companion.flight.control_loop import TickRecord
+from companion.flight.preflight import CheckResult
+from companion.flight.reporting import Announcements, MapFeed
+from companion.flight.termination import Ending
+from companion.mapping.process.status import MapStatus
+from companion.mapping.process.worker import MapWorker
+from companion.model import DepthFrame, Mode, Observation, PlanarScan, Pose, Setpoint
+from companion.recording import Recorder
+from companion.recording.content import ENDED, ENGAGED
+from tests.autopilot.fake_link import FakeLink, HandClock
+from tests.control.stages import beside
+from tests.flight.test_control_loop import CAMERA
+
+STATUS = MapStatus(
+    frames=5,
+    dropped=0,
+    refused=0,
+    occupied=100,
+    completeness=0.4,
+    complete=False,
+    frontiers=3,
+    survey_s=0.01,
+    age_s=0.1,
+    alive=True,
+    restarts=0,
+)
+POSE = Pose(0.0, 0.0, 0.0, 1.5, 0.0)
+
+
+@dataclass
+class Mapper:
+    """Notes the images and scans that it is offered."""
+
+    status: MapStatus = STATUS
+    offered: list[DepthFrame] = field(default_factory=list)
+    scans: list[PlanarScan] = field(default_factory=list)
+
+    def offer(self, frame: DepthFrame) -> bool:
+        self.offered.append(frame)
+        return True
+
+    def offer_scan(self, scan: PlanarScan) -> bool:
+        self.scans.append(scan)
+        return True
+
+
+@dataclass
+class Notes:
+    """A recorder that keeps its events."""
+
+    events: list[tuple[str, str, int]] = field(default_factory=list)
+
+    def event(self, name: str, text: str, level: int = logging.INFO) -> None:
+        self.events.append((name, text, level))
+
+
+class Stand:
+    """Announcements with everything around them."""
+
+    def __init__(self) -> None:
+        self.clock = HandClock(100.0)
+        self.link = FakeLink(self.clock)
+        self.telemetry = Telemetry(self.link, self.clock)
+        self.announcer = Announcer(self.link, self.clock)
+        self.notes = Notes()
+        self.said: list[str] = []
+        self.mapper = Mapper()
+        self.announcements = Announcements(
+            self.announcer,
+            self.telemetry,
+            cast("MapWorker", self.mapper),
+            cast("Recorder", self.notes),
+            self.said.append,
+        )
+
+    def tick(self, **changes: Any) -> None:
+        """50 ms later, a tick along a wall unless told otherwise."""
+        self.clock.advance(0.05)
+        now_s = self.clock.time_s
+        told = replace(beside(1), t_s=now_s, missing=changes.get("missing", ()))
+        well = TickRecord(
+            now_s, Observation(now_s, POSE), told, Mode.BOUNDARY, Setpoint(now_s, 0.5, 0.0, 0.1), True, True, (), 0.001
+        )
+        self.announcements(replace(well, **changes))
+        self.announcer.tick()
+
+    def texts(self) -> list[str]:
+        """What ground stations got to read."""
+        return [fields["text"] for fields in self.link.sent_named("STATUSTEXT")]
+
+
+def test_ground_stations_get_d_h_and_completeness() -> None:
+    stand = Stand()
+    stand.tick()
+    values = {fields["name"]: fields["value"] for fields in stand.link.sent_named("NAMED_VALUE_FLOAT")}
+    told = beside(1)
+    assert values == {"d": told.d_m, "h": told.h_m, "complete": 0.4}
+
+
+def test_a_change_of_mode_is_told_once() -> None:
+    stand = Stand()
+    stand.announcements.phase("exploring")
+    for _ in range(40):
+        stand.tick()
+    for _ in range(40):
+        stand.tick(mode=Mode.TANGENT)
+    modes = [text for text in stand.texts() if text.startswith("R")]
+    assert modes == ["R3 along the wall", "R2 along tangent"]
+
+
+def test_a_stop_says_why_and_that_it_is_over() -> None:
+    """A late frame is no event; inputs lost for longer than half a second are."""
+    stand = Stand()
+    stand.announcements.phase("exploring")
+    stand.tick()
+    for _ in range(4):
+        stand.tick(missing=("depth",), mode=Mode.HOLD)
+    for _ in range(40):
+        stand.tick()
+    assert not any("depth" in text for text in stand.texts())
+    for _ in range(60):
+        stand.tick(missing=("depth",), mode=Mode.HOLD)
+    assert stand.texts()[-1] == "stopped: no depth"
+    assert stand.link.sent_named("HEARTBEAT")[-1]["system_status"] == 5
+    assert stand.said.count("stopped: no depth") == 1
+    for _ in range(60):
+        stand.tick()
+    assert "inputs are back" in stand.texts()
+    assert stand.link.sent_named("HEARTBEAT")[-1]["system_status"] == 4
+
+
+def test_the_exploring_is_marked_in_the_recording() -> None:
+    """The figures of a flight are taken between these two."""
+    stand = Stand()
+    stand.announcements.phase("taking off")
+    stand.announcements.phase("exploring")
+    stand.announcements.ended(Ending.PILOT, "loiter")
+    assert [name for name, _, _ in stand.notes.events] == ["phase", ENGAGED, ENDED]
+    assert stand.said[-1] == "exploring ended: pilot or failsafe took over loiter"
+
+
+def test_what_the_autopilot_says_reaches_the_operator_once() -> None:
+    stand = Stand()
+    stand.link.deliver("STATUSTEXT", {"severity": 4, "text": "Low battery"})
+    stand.tick()
+    stand.tick()
+    assert stand.said == ["autopilot: Low battery"]
+
+
+def test_skipped_checks_are_on_record() -> None:
+    stand = Stand()
+    passed = CheckResult("link", True, "0.1 s", "below 3 s", "why")
+    skipped = CheckResult("battery", False, "not looked at", "above 25 %", "why", skipped=True)
+    stand.announcements.checks([passed, skipped])
+    assert ("check", "battery skipped: not looked at", logging.WARNING) in stand.notes.events
+    assert len(stand.notes.events) == 2
+
+
+def test_trouble_of_the_map_is_told_once_and_when_it_is_over() -> None:
+    """Protects the map from a full disk that somebody could clear: who can must hear of it, once."""
+    stand = Stand()
+    stand.tick()
+    stand.mapper.status = replace(STATUS, problem="disk full, in memory only: make room (No space left)")
+    for _ in range(60):
+        stand.tick()
+    stand.mapper.status = STATUS
+    for _ in range(60):
+        stand.tick()
+    told = [line for line in stand.said if line.startswith("map: ")]
+    assert told == ["map: disk full, in memory only: make room (No space left)", "map: in order again"]
+    assert [text for text in stand.texts() if text.startswith("map: ")] == [
+        "map: disk full, in memory only: make room (No sp..",
+        "map: in order again",
+    ]
+    assert ("map", told[0], logging.WARNING) in stand.notes.events
+
+
+@pytest.mark.parametrize("with_frame", [True, False])
+@pytest.mark.parametrize("with_scan", [True, False])
+def test_the_map_gets_every_image_and_every_scan(with_frame: bool, with_scan: bool) -> None:
+    """Protects the map from a sensor that is heard by the law only."""
+    mapper = Mapper()
+    frame = DepthFrame(1.0, np.full((CAMERA.height_px, CAMERA.width_px), 2.0, np.float32), CAMERA, POSE)
+    scan = PlanarScan(1.0, np.array([0.0, 0.1]), np.array([2.0, 2.0]), 10.0, POSE)
+    seen = Observation(1.0, POSE, frame if with_frame else None, planar=scan if with_scan else None)
+    feed = MapFeed(cast("MapWorker", mapper))
+    feed(TickRecord(1.0, seen, None, Mode.HOLD, None, False, False, (), 0.0))
+    feed(TickRecord(1.0, None, None, Mode.HOLD, None, False, False, ("pose",), 0.0))
+    assert mapper.offered == ([frame] if with_frame else [])
+    assert mapper.scans == ([scan] if with_scan else [])
