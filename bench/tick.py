@@ -13,9 +13,9 @@ from bench.table import Row, parser, show
 from companion.config.load import load_settings
 from companion.config.settings import Settings
 from companion.control import Navigator
-from companion.explorer import law_parameters
 from companion.model import Observation
-from companion.sensors import Extractor
+from companion.perception import Extractor
+from companion.pipeline import law_parameters
 from sitl.raycast import RayCaster
 from sitl.render import DepthRenderer
 from sitl.sensors import SensorRig

@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from companion.config.settings import Settings
-from companion.explorer import Explorer
-from companion.fleet import Fleet, Report
+from companion.control.fleet import Fleet, Report
 from companion.mapping import VoxelMap
 from companion.model import Measurement, Pose
+from companion.pipeline import Explorer
 from sitl.flight_log import FlightLog
 from sitl.raycast import RayCaster
 from sitl.render import DepthRenderer

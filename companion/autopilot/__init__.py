@@ -4,7 +4,7 @@ Only what is needed to speak of a link is exported here. The one over MAVSDK is 
 it loads a native library.
 """
 
-from companion.autopilot.wire import Handler, Link, LinkError, Message, Stream
+from companion.autopilot.interface import Handler, Link, LinkError, Message, Stream
 from companion.mavlink.firmware import AutopilotKind
 
 __all__ = ["AutopilotKind", "Handler", "Link", "LinkError", "Message", "Stream"]

@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from companion.autopilot.wire import LinkError, Message
+from companion.autopilot.interface import LinkError, Message
 from companion.mavlink.ids import AUTOPILOT_COMPONENT, GATE_COMPONENT, ONBOARD_COMPONENT
 
 IN_PROGRESS = 5

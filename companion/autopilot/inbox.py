@@ -7,7 +7,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 
-from companion.autopilot.wire import Handler, Message, Stream
+from companion.autopilot.interface import Handler, Message, Stream
 from companion.mavlink.ids import AUTOPILOT_COMPONENT
 
 PENDING = 256

@@ -35,10 +35,10 @@ from mavsdk.plugins.mavlink_direct_server import (
 from mavsdk.plugins.param import Param
 
 from companion.autopilot.commands import Commands
+from companion.autopilot.discovery import Neighbours, kind_of
 from companion.autopilot.inbox import Inbox
-from companion.autopilot.neighbours import Neighbours, kind_of
+from companion.autopilot.interface import Handler, LinkError, Message, Stream
 from companion.autopilot.parameters import Parameters
-from companion.autopilot.wire import Handler, LinkError, Message, Stream
 from companion.clock import Clock
 from companion.config.autopilot import AutopilotSettings
 from companion.mavlink.firmware import AutopilotKind
@@ -73,7 +73,7 @@ def _log_mavsdk() -> object:
 
 
 class MavsdkLink:
-    """A connection to the autopilot of one vehicle; implements `companion.autopilot.wire.Link`.
+    """A connection to the autopilot of one vehicle; implements `companion.autopilot.interface.Link`.
 
     An async context manager: entering waits for the heartbeat of our autopilot, leaving ends every thread.
 

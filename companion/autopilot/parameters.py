@@ -12,7 +12,7 @@ from collections.abc import Awaitable, Callable
 
 from mavsdk.plugins.param import Param, ParamError, ParamResult
 
-from companion.autopilot.wire import LinkError, Stream
+from companion.autopilot.interface import LinkError, Stream
 
 LONGEST_NAME = 16
 INT32 = 2**31

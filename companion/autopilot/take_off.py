@@ -11,9 +11,9 @@ import logging
 import math
 from collections.abc import Callable
 
-from companion.autopilot.commander import POLL_S, Commander, FlightError
-from companion.autopilot.helm import Helm
-from companion.autopilot.wire import Link
+from companion.autopilot.interface import Link
+from companion.autopilot.mode_control import POLL_S, Commander, FlightError
+from companion.autopilot.offboard import Helm
 from companion.config.control import ControlSettings
 from companion.control.ramp import Ramp
 from companion.mavlink.firmware import AutopilotKind

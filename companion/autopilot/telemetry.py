@@ -7,16 +7,16 @@ import math
 from collections import deque
 
 from companion.autopilot import vehicle_state
-from companion.autopilot.rates import Rates, wanted_hz
+from companion.autopilot.interface import Link, Message, Stream
+from companion.autopilot.message_rates import Rates, wanted_hz
 from companion.autopilot.vehicle_state import StatusText, VehicleState, integer, number
-from companion.autopilot.wire import Link, Message, Stream
 from companion.clock import Clock, ClockAlignment
 from companion.frames import NedPose, pose_from_ned
 from companion.mavlink.estimator import ESTIMATOR
 from companion.mavlink.ids import AUTOPILOT_COMPONENT, printable
 from companion.mavlink.modes import ARMED_FLAG, mode_name
 from companion.model import Pose
-from companion.poses import LARGEST, PoseBuffer
+from companion.pose_buffer import LARGEST, PoseBuffer
 
 PERIOD_S = 0.1
 TIMESYNC_FIRST_S = 5.0

@@ -12,11 +12,11 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
-from companion.autopilot.commander import POLL_S, Commander, FlightError, Sleep, TakenOver
-from companion.autopilot.helm import Helm
+from companion.autopilot.interface import Link, LinkError
+from companion.autopilot.mode_control import POLL_S, Commander, FlightError, Sleep, TakenOver
+from companion.autopilot.offboard import Helm
 from companion.autopilot.take_off import TakeOff
 from companion.autopilot.telemetry import Telemetry
-from companion.autopilot.wire import Link, LinkError
 from companion.clock import Clock
 from companion.config.settings import Settings
 from companion.errors import CompanionError

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from companion.autopilot.wire import Message
+from companion.autopilot.interface import Message
 from companion.mavlink.estimator import estimator_valid
 from companion.mavlink.firmware import AutopilotKind
 

@@ -8,10 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from companion.explorer import Explorer
 from companion.flight.rate import Pace
-from companion.inputs import Inputs
 from companion.model import Measurement, Mode, Observation, Pose, Setpoint
+from companion.pipeline import Explorer
+from companion.sensors.synchronizer import Inputs
 
 
 class Helm(Protocol):

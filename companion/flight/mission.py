@@ -13,13 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from companion.autopilot.announce import Announcer
+from companion.autopilot.status_reporter import Announcer
 from companion.autopilot.vehicle import Vehicle
 from companion.clock import MonotonicClock
 from companion.config.settings import Settings
 from companion.config.show import dump_yaml
 from companion.errors import InputError
-from companion.explorer import Explorer
 from companion.flight.airborne import InTheAir
 from companion.flight.control_loop import Pilot
 from companion.flight.gate_client import GateTalk
@@ -35,6 +34,7 @@ from companion.flight.termination import Ending
 from companion.flight.warm_up import warm_up
 from companion.mapping.process.status import MapError
 from companion.mapping.process.worker import MapWorker, check_folder
+from companion.pipeline import Explorer
 from companion.recording import FlightInfo, Recorder
 from companion.recording.content import ENDED
 

@@ -10,8 +10,8 @@ import termios
 from collections.abc import Iterator
 from typing import Any
 
+from companion.autopilot.interface import Link, LinkError, Message
 from companion.autopilot.vehicle_state import integer, number
-from companion.autopilot.wire import Link, LinkError, Message
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
 from companion.mavlink.ids import ONBOARD_COMPONENT
 from companion.mavlink.modes import PAUSE_CONTINUE

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 
-from companion.autopilot.announce import Announcer, Severity, SystemState
+from companion.autopilot.status_reporter import Announcer, Severity, SystemState
 from companion.autopilot.telemetry import Telemetry
 from companion.control import Navigator
 from companion.flight.control_loop import TickRecord

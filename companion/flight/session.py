@@ -8,17 +8,17 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
+from companion.autopilot.interface import Link
 from companion.autopilot.link import MavsdkLink
 from companion.autopilot.telemetry import Telemetry
-from companion.autopilot.wire import Link
 from companion.clock import Clock
 from companion.config.settings import Settings
 from companion.errors import InputError
 from companion.flight.gate_client import GateTalk
 from companion.flight.tasks import background
-from companion.inputs import Inputs
 from companion.sensors.drivers import DriverContext, SensorDriver, load_drivers
 from companion.sensors.sink import SensorSink
+from companion.sensors.synchronizer import Inputs
 
 DRIVER_REST_S = 1.0
 """A driver that failed is started again after this long."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from companion.autopilot.helm import HEARTBEAT_LOST_S
+from companion.autopilot.offboard import HEARTBEAT_LOST_S
 from companion.autopilot.vehicle_state import VehicleState
 from companion.config.mission import MissionSettings
 

@@ -20,7 +20,6 @@ from companion.config.load import load_settings
 from companion.config.settings import Settings
 from companion.control.edges import Edge, corridor_is_free, lies_along_boundary, open_direction
 from companion.control.known_ground import KnownGround, WallFollowing
-from companion.explorer import Explorer
 from companion.geometry import rotation
 from companion.mapping import VoxelMap
 from companion.mapping.files import write_map
@@ -28,6 +27,7 @@ from companion.mapping.process.serve import compile_ahead
 from companion.mapping.queries.frontier import Reach
 from companion.mapping.queries.surveyor import survey
 from companion.model import BEAM_AXES, Camera, DepthFrame, Observation, Pose, RangeReading, Scan, Setpoint, wrap_rad
+from companion.pipeline import Explorer
 
 FLIGHT_S = 150.0
 WARM_S = 2.0

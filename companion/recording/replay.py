@@ -18,7 +18,7 @@ import numpy as np
 from companion.config.load import load_settings
 from companion.config.settings import Settings
 from companion.errors import InputError
-from companion.explorer import Explorer
+from companion.pipeline import Explorer
 from companion.recording import Recording, open_recording
 
 

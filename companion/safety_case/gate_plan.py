@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from companion.autopilot.rates import ESTIMATOR_HZ
+from companion.autopilot.message_rates import ESTIMATOR_HZ
 from companion.config.settings import Settings
 from companion.errors import InputError
 from companion.gate.faults import Stage

@@ -1,5 +1,1 @@
-"""The world -> Measurement: what the navigation law needs to know, from what the sensors said."""
-
-from companion.sensors.extract import Extractor
-
-__all__ = ["Extractor"]
+"""Devices to frames: drivers, the sink that takes their readings, and how fresh, fast and alive each stream is."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from companion.autopilot.inbox import Inbox
-from companion.autopilot.wire import Handler, LinkError, Message, Stream
+from companion.autopilot.interface import Handler, LinkError, Message, Stream
 from companion.clock import Clock
 from companion.mavlink.firmware import AutopilotKind
 
@@ -29,7 +29,7 @@ class HandClock:
 
 
 class FakeLink:
-    """Implements `companion.autopilot.wire.Link` in memory. Handlers are called inside `deliver`, at once.
+    """Implements `companion.autopilot.interface.Link` in memory. Handlers are called inside `deliver`, at once.
 
     Attributes:
         sent: every message sent, in order, as (name, fields).

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from companion.autopilot.wire import LinkError
+from companion.autopilot.interface import LinkError
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.modes import px4_mode
 from tests.autopilot.fake_link import FakeLink, HandClock

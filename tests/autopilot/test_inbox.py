@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from companion.autopilot.inbox import PENDING, Inbox
-from companion.autopilot.wire import Message
+from companion.autopilot.interface import Message
 
 
 def message(name: str = "STATUSTEXT", system_id: int = 1, component_id: int = 1) -> Message:

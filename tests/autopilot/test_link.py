@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from companion.autopilot.interface import LinkError
 from companion.autopilot.link import MavsdkLink
-from companion.autopilot.wire import LinkError
 from companion.clock import MonotonicClock
 from companion.config.autopilot import AutopilotSettings
 from companion.mavlink.firmware import AutopilotKind

@@ -9,8 +9,8 @@ import time
 
 import pytest
 
+from companion.autopilot.interface import LinkError
 from companion.autopilot.link import MavsdkLink
-from companion.autopilot.wire import LinkError
 from companion.mavlink.firmware import AutopilotKind
 from tests.autopilot.linked import LAND, flown, until
 from tests.autopilot.responder import Responder, free_port

@@ -8,8 +8,8 @@ import time
 
 import pytest
 
+from companion.autopilot.interface import LinkError
 from companion.autopilot.link import MavsdkLink
-from companion.autopilot.wire import LinkError
 from tests.autopilot.linked import ARM, LAND, flown
 from tests.autopilot.responder import FLOAT, INT32, Responder, free_port
 

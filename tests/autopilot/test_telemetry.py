@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.autopilot.rates import SET_MESSAGE_INTERVAL
+from companion.autopilot.message_rates import SET_MESSAGE_INTERVAL
 from companion.autopilot.telemetry import REQUEST_MESSAGE, TEXTS, Telemetry
 from companion.mavlink.firmware import AutopilotKind
 from tests.autopilot.fake_link import FakeLink, HandClock

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from companion.config.load import load_settings
-from companion.explorer import Explorer
 from companion.flight.control_loop import Pilot, TickRecord
 from companion.flight.rate import Pace
-from companion.inputs import Inputs
 from companion.model import Beam, Measurement, Mode, Pose, RangeReading, Setpoint
-from companion.poses import PoseBuffer
+from companion.pipeline import Explorer
+from companion.pose_buffer import PoseBuffer
 from companion.sensors.sink import RawDepth, SensorSink
+from companion.sensors.synchronizer import Inputs
 from tests.autopilot.fake_link import HandClock
 
 SETTINGS = load_settings(None, "flight")

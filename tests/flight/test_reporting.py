@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from companion.autopilot.announce import Announcer
+from companion.autopilot.status_reporter import Announcer
 from companion.autopilot.telemetry import Telemetry
 from companion.flight.control_loop import TickRecord
 from companion.flight.preflight import CheckResult

@@ -12,9 +12,9 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from companion.autopilot.interface import Message
 from companion.autopilot.link import MavsdkLink
 from companion.autopilot.telemetry import Telemetry
-from companion.autopilot.wire import Message
 from companion.clock import MonotonicClock
 from companion.config.autopilot import AutopilotSettings
 from companion.flight.operator_commands import Orders

@@ -14,27 +14,27 @@ from typing import Any, cast
 import numpy as np
 
 from companion.autopilot import inbox
-from companion.autopilot.announce import Announcer
 from companion.autopilot.commands import Commands
 from companion.autopilot.link import _to_wire
+from companion.autopilot.status_reporter import Announcer
 from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle import Vehicle
 from companion.config.sensors import CameraSettings, PlanarSettings, SensorSettings
 from companion.config.settings import Settings
-from companion.explorer import Explorer
 from companion.flight.control_loop import Pilot, TickRecord
 from companion.flight.operator_commands import Orders
 from companion.flight.rate import Pace
 from companion.flight.reporting import Announcements
-from companion.inputs import Inputs
 from companion.mapping.process.worker import MapWorker
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.modes import DO_SET_MODE, personality, px4_mode
 from companion.model import Setpoint
-from companion.poses import LARGEST
+from companion.pipeline import Explorer
+from companion.pose_buffer import LARGEST
 from companion.recording import Recorder
 from companion.sensors.drivers.mavlink import MavlinkDriver
 from companion.sensors.sink import RawDepth, SensorSink
+from companion.sensors.synchronizer import Inputs
 from tests.autopilot.fake_link import FakeLink, HandClock
 
 SETTINGS = Settings(

@@ -7,7 +7,7 @@ import random
 from typing import Any
 
 from companion.mavlink.firmware import AutopilotKind
-from companion.sensors.extract import POSE_STALE_S
+from companion.perception.extract import POSE_STALE_S
 from tests.fuzz.flying import SETTINGS, Flying, flying
 from tests.fuzz.hostile import extreme, no_number, without_sense
 

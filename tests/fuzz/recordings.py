@@ -20,8 +20,8 @@ from mcap.writer import CompressionType, Writer
 
 from companion.config.record import RecordSettings
 from companion.errors import InputError
-from companion.explorer import Explorer
 from companion.model import Beam, DepthFrame, Observation, PlanarScan, Pose, RangeReading
+from companion.pipeline import Explorer
 from companion.recording import FlightInfo, Recorder, Tick, open_recording
 from companion.recording.content import ENDED, ENGAGED, Topic
 from companion.recording.flight_stats import figures, render

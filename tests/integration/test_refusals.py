@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from companion.autopilot.interface import LinkError
 from companion.autopilot.vehicle import FlightError
-from companion.autopilot.wire import LinkError
 from companion.flight.preflight.parameter_check import check_rule
 from companion.flight.preflight.parameter_rules import rules
 from tests.integration.rig import Aboard, Stage, aboard, both, fly_all

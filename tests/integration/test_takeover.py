@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from companion.autopilot.interface import LinkError
 from companion.autopilot.vehicle import TakenOver
-from companion.autopilot.wire import LinkError
 from sitl.autopilot.mavlink import dialect as m
 from sitl.together.crew import free_udp_ports
 from tests.integration.relay import UdpRelay

@@ -11,7 +11,6 @@ import numpy as np
 from companion.config.record import RecordSettings
 from companion.config.sensors import CameraSettings, PlanarSettings, SensorSettings
 from companion.config.settings import Settings
-from companion.explorer import Explorer
 from companion.model import (
     HIT,
     Beam,
@@ -25,6 +24,7 @@ from companion.model import (
     Scan,
     Setpoint,
 )
+from companion.pipeline import Explorer
 from companion.recording import FlightInfo, Recorder, Tick
 from sitl.raycast import RayCaster
 from sitl.render import DepthRenderer

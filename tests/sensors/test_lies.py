@@ -15,15 +15,15 @@ import pytest
 
 from companion.config.sensors import BeamSettings, CameraSettings, PlanarSettings, SensorSettings
 from companion.config.vehicle import VehicleSettings
-from companion.inputs import Inputs
 from companion.model import Beam, FloatArray, Measurement, Observation, Pose, RangeReading
-from companion.poses import PoseBuffer
-from companion.sensors import Extractor
+from companion.perception import Extractor
+from companion.pose_buffer import PoseBuffer
 from companion.sensors import sink as words
-from companion.sensors.frozen import MOVED_M
 from companion.sensors.sink import DEPTH, PLANAR, RawDepth, RawPlanar, SensorSink
+from companion.sensors.stuck import MOVED_M
+from companion.sensors.synchronizer import Inputs
+from tests.perception.scenes import FLOOR, H_M, ROOF, render, wall_ahead, wall_beside
 from tests.sensors.clocks import HandClock
-from tests.sensors.scenes import FLOOR, H_M, ROOF, render, wall_ahead, wall_beside
 
 SMALL = CameraSettings(width_px=64, height_px=48)
 CAMERA = SMALL.model()

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from companion.config.sim import DynamicsSettings
 from companion.model import Pose, Setpoint
 from sitl.vehicle import DISTURBANCE_TIME_S, GRAVITY_MPS2, Vehicle
-from tests.sensors.scenes import turned
+from tests.perception.scenes import turned
 
 DT_S = 0.02
 START = Pose(0.0, 1.0, -2.0, 1.5, 0.3)

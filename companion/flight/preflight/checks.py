@@ -9,10 +9,10 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Protocol
 
+from companion.autopilot.interface import Link, LinkError
 from companion.autopilot.take_off import send_origin
 from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle_state import VehicleState
-from companion.autopilot.wire import Link, LinkError
 from companion.clock import Clock, MonotonicClock
 from companion.config.settings import Settings
 from companion.errors import InputError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from companion.autopilot.wire import Link, LinkError
+from companion.autopilot.interface import Link, LinkError
 from companion.flight.preflight.parameter_rules import Rule, Value
 from companion.flight.preflight.result import CheckResult
 

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.autopilot.announce import Announcer, Severity
+from companion.autopilot.status_reporter import Announcer, Severity
 from companion.errors import CompanionError
-from companion.explorer import Explorer
 from companion.flight.control_loop import Pilot
 from companion.flight.preflight import CheckResult, refusal, render, run_checks
 from companion.flight.rate import Pace
 from companion.flight.reporting import Say
 from companion.flight.session import Session
 from companion.flight.tasks import background
+from companion.pipeline import Explorer
 
 SETTLE_S = 3.0
 """Rates are measured over this time before they are judged."""

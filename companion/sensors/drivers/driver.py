@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Protocol, runtime_checkable
 
-from companion.autopilot.wire import Link
+from companion.autopilot.interface import Link
 from companion.clock import Clock
 from companion.config.settings import Settings
 from companion.errors import InputError

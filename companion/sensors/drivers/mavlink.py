@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from companion.autopilot.wire import Link, LinkError, Message
+from companion.autopilot.interface import Link, LinkError, Message
 from companion.clock import Clock
 from companion.config.settings import Settings
 from companion.errors import InputError

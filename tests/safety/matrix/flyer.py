@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 import typer
 
-from companion import explorer
+from companion import pipeline as explorer
 from companion.config.settings import Settings
 from companion.control import Parameters, laws
 from companion.control.governor import braking_speed_mps

@@ -16,7 +16,7 @@ import numpy as np
 from companion.config.settings import Settings
 from companion.model import Beam, Camera
 from companion.sensors.drivers.messages import DepthImage, Ranges
-from companion.sensors.frozen import MOVED_M
+from companion.sensors.stuck import MOVED_M
 from tests.safety.matrix.injection import Final, Injection
 from tests.safety.matrix.scene import Flight
 from tests.safety.matrix.stream_relay import Tampering

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from companion.autopilot.wire import Message
+from companion.autopilot.interface import Message
 
 
 class FakeLink:

@@ -9,7 +9,7 @@ from typing import cast
 
 import pytest
 
-from companion.autopilot.wire import Link
+from companion.autopilot.interface import Link
 from companion.config.settings import Settings
 from companion.errors import InputError
 from companion.sensors.drivers import DriverContext, SensorDriver, driver, load_drivers

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.autopilot.wire import Link, LinkError
+from companion.autopilot.interface import Link, LinkError
 from companion.model import Beam, RangeReading
 from companion.sensors.drivers import mavlink
 from companion.sensors.drivers.mavlink import DISTANCE, OBSTACLES, MavlinkDriver, planar_scan

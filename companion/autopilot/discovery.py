@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mavsdk.connection_result import ConnectionResult
 
-from companion.autopilot.wire import Message
+from companion.autopilot.interface import Message
 from companion.config.autopilot import AutopilotSettings
 from companion.mavlink.firmware import KINDS, AutopilotKind
 from companion.mavlink.ids import AUTOPILOT_COMPONENT

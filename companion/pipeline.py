@@ -9,7 +9,7 @@ import numpy as np
 from companion.config.settings import Settings
 from companion.control import Governor, Navigator, Parameters
 from companion.model import Measurement, Observation, Setpoint
-from companion.sensors import Extractor
+from companion.perception import Extractor
 
 
 def law_parameters(settings: Settings) -> Parameters:

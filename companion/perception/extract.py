@@ -24,11 +24,11 @@ from companion.model import (
     Pose,
     Scan,
 )
-from companion.sensors.ahead import AHEAD_MARGIN_M, ahead_m
-from companion.sensors.beams import Beams
-from companion.sensors.depth import Slab, look_ahead
-from companion.sensors.look import Look, bin_bearings
-from companion.sensors.memory import ScanMemory
+from companion.perception.clearance import AHEAD_MARGIN_M, ahead_m
+from companion.perception.depth import Slab, look_ahead
+from companion.perception.look import Look, bin_bearings
+from companion.perception.rangefinders import Beams
+from companion.perception.scan_memory import ScanMemory
 
 POSE_STALE_S = 0.3
 """A pose older than this is missing: at 0.5 m/s the vehicle is 15 cm from where it says."""

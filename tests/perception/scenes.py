@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from companion.config.sensors import CameraSettings
 from companion.model import HIT, Camera, DepthFrame, Pose
-from companion.sensors.look import Look, bin_bearings
+from companion.perception.look import Look, bin_bearings
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ import math
 from collections.abc import Coroutine
 from typing import Any, TypeVar
 
-from companion.autopilot.commander import POLL_S, Commander
-from companion.autopilot.wire import LinkError
+from companion.autopilot.interface import LinkError
+from companion.autopilot.mode_control import POLL_S, Commander
 from companion.frames import setpoint_to_frd
 from companion.mavlink.ids import AUTOPILOT_COMPONENT
 from companion.mavlink.modes import BODY_NED, VELOCITY_AND_YAW_RATE

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from companion.geometry import camera_to_level, pixel_tangents
 from companion.model import DepthFrame
-from companion.sensors.ground import SECTORS, STEP_M, STEP_TOLERANCE_M, ground_at, ground_profiles
-from tests.sensors.scenes import AT_START, CAMERA, FLOOR, H_M, ROOF, Surface, frame, ramp, tilted, wall_ahead
+from companion.perception.ground import SECTORS, STEP_M, STEP_TOLERANCE_M, ground_at, ground_profiles
+from tests.perception.scenes import AT_START, CAMERA, FLOOR, H_M, ROOF, Surface, frame, ramp, tilted, wall_ahead
 
 MAX_SLOPE = 0.7
 CELLS = math.ceil(CAMERA.max_range_m / STEP_M)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from companion.geometry import camera_to_level, pixel_tangents
 from companion.model import CLEAR, HIT, UNKNOWN, DepthFrame, FloatArray
-from companion.sensors.ground import SECTORS, ground_at, ground_profiles
-from companion.sensors.look import Look
+from companion.perception.ground import SECTORS, ground_at, ground_profiles
+from companion.perception.look import Look
 
 POOLED_WIDTH_PX = 160
 """Images wider than twice this are reduced by taking the nearest pixel of each block: the bins are a degree wide, so

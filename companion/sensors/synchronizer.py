@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.model import Beam, DepthFrame, Observation, PlanarScan, Pose, RangeReading
-from companion.poses import PoseBuffer
-from companion.sensors.frozen import FrozenBeam, FrozenImages
+from companion.pose_buffer import PoseBuffer
 from companion.sensors.sink import DEPTH, FROZEN, PLANAR, RawDepth, RawPlanar, SensorSink
+from companion.sensors.stuck import FrozenBeam, FrozenImages
 
 POSE_WAIT_S = 0.3
 """What has no pose after this long is dropped: poses come 20 to 50 ms late, and a gap in them does not close."""

@@ -8,9 +8,9 @@ import math
 from collections.abc import Callable, Coroutine
 from typing import Any
 
+from companion.autopilot.interface import Link, Message
 from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle_state import integer
-from companion.autopilot.wire import Link, Message
 from companion.clock import Clock
 from companion.errors import CompanionError
 from companion.mavlink.mode_monitor import HEARTBEAT_LATE_S, ModeWatch

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from companion.config.sensors import CameraSettings
-from companion.inputs import POSE_WAIT_S, Inputs
 from companion.model import Beam, RangeReading
-from companion.poses import PoseBuffer
+from companion.pose_buffer import PoseBuffer
 from companion.sensors.sink import DEPTH, FROZEN, RawDepth, RawPlanar, SensorSink
+from companion.sensors.synchronizer import POSE_WAIT_S, Inputs
 from tests.autopilot.fake_link import HandClock
 
 CAMERA = replace(CameraSettings().model(), width_px=4, height_px=3)

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from companion.model import CLEAR, HIT, UNKNOWN, Pose, Scan, wrap_rad
-from companion.sensors.look import bin_bearings
-from companion.sensors.memory import CELL_M, CELLS, SEEN_THROUGH_M, SEEN_THROUGH_PER_M, ScanMemory
+from companion.perception.look import bin_bearings
+from companion.perception.scan_memory import CELL_M, CELLS, SEEN_THROUGH_M, SEEN_THROUGH_PER_M, ScanMemory
 
 BINS = 360
 BEARINGS = bin_bearings(BINS)

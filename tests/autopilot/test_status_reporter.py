@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from companion.autopilot.announce import Announcer, Severity, SystemState
+from companion.autopilot.status_reporter import Announcer, Severity, SystemState
 from tests.autopilot.fake_link import FakeLink, HandClock
 
 

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.model import CLEAR, HIT, UNKNOWN, Scan
-from companion.sensors.ahead import ahead_m
-from companion.sensors.look import bin_bearings
+from companion.perception.clearance import ahead_m
+from companion.perception.look import bin_bearings
 
 HALF_WIDTH_M = 0.45
 BINS = 360

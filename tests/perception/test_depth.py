@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from companion.config.sensors import CameraSettings
 from companion.model import CLEAR, HIT, UNKNOWN, Camera, DepthFrame, Pose
-from companion.sensors.depth import AGREE_M, Slab, look_ahead, pool_nearest
-from companion.sensors.look import Look, bin_bearings
-from tests.sensors.scenes import (
+from companion.perception.depth import AGREE_M, Slab, look_ahead, pool_nearest
+from companion.perception.look import Look, bin_bearings
+from tests.perception.scenes import (
     AT_START,
     BINS,
     CAMERA,

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.model import Pose, wrap_rad
-from companion.poses import EXTRAPOLATION_S, GAP_S, NEAREST_ATTITUDE_S, SAMPLES, PoseBuffer
+from companion.pose_buffer import EXTRAPOLATION_S, GAP_S, NEAREST_ATTITUDE_S, SAMPLES, PoseBuffer
 
 angles = st.floats(-math.pi, math.pi, exclude_max=True)
 shares = st.floats(0.0, 1.0)

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Coroutine
 from typing import Any
 
-from companion.autopilot.wire import Link, LinkError
+from companion.autopilot.interface import Link, LinkError
 from companion.clock import Clock
 from companion.mavlink.modes import ARMED_FLAG
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.config.fleet import FleetSettings
-from companion.fleet import Fleet, Report, connected, layer_height_m
+from companion.control.fleet import Fleet, Report, connected, layer_height_m
 
 D_R, D_M, STALE_S = 4.0, 3.0, 1.0
 ALONE_M = 1.5

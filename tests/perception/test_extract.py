@@ -30,10 +30,10 @@ from companion.model import (
     RangeReading,
     Scan,
 )
-from companion.sensors import Extractor
-from companion.sensors.extract import POSE_STALE_S
-from companion.sensors.look import bin_bearings
-from tests.sensors.scenes import AT_START, FLOOR, H_M, ROOF, Surface, between, frame, wall_ahead, wall_beside
+from companion.perception import Extractor
+from companion.perception.extract import POSE_STALE_S
+from companion.perception.look import bin_bearings
+from tests.perception.scenes import AT_START, FLOOR, H_M, ROOF, Surface, between, frame, wall_ahead, wall_beside
 
 SMALL = CameraSettings(width_px=64, height_px=48)
 CAMERA = SMALL.model()
@@ -309,7 +309,7 @@ class TestPose:
         """Protects the process: compiled code has no bounds. In a process of its own, because it takes it down."""
         source = """
 from dataclasses import replace
-from tests.sensors.test_extract import *
+from tests.perception.test_extract import *
 for name in ("x_m", "yaw_rad"):
     extract = extractor()
     seen = replace(image([FLOOR, ROOF, wall_ahead(3.0)]), pose=replace(AT_START, **{name: NAN}))

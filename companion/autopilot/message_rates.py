@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from companion.autopilot.wire import Link
+from companion.autopilot.interface import Link
 from companion.mavlink.estimator import ESTIMATOR
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import AUTOPILOT_COMPONENT

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from companion.model import CLEAR, HIT, UNKNOWN, PlanarScan
-from companion.sensors.extract import planar_look
-from companion.sensors.look import Look, bin_bearings
-from tests.sensors.scenes import AT_START
+from companion.perception.extract import planar_look
+from companion.perception.look import Look, bin_bearings
+from tests.perception.scenes import AT_START
 
 LIMIT_M = 10.0
 NAN, INF = float("nan"), float("inf")
