@@ -20,9 +20,9 @@ from bench.map_octomap import ExactOctoMap, Integers, leaves_of
 from bench.map_reasons import REASONS, observed
 from bench.table import Row
 from companion.mapping import VoxelMap
-from companion.mapping.chunks import EDGE, NOTHING, OFFSETS
 from companion.mapping.journal import Header, Journal
-from companion.mapping.lookup import FREE, OCCUPIED, UNKNOWN
+from companion.mapping.voxels.chunks import EDGE, NOTHING, OFFSETS
+from companion.mapping.voxels.lookup import FREE, OCCUPIED, UNKNOWN
 from companion.model import DepthFrame
 
 STATES = {int(UNKNOWN): "unknown", int(FREE): "free", int(OCCUPIED): "occupied"}

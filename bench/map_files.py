@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench import table
-from companion.mapping.chunks import NOTHING, OFFSETS
 from companion.mapping.files import FORMATS, open_map, write, write_map, write_mesh
-from companion.mapping.piece import MOST_CHUNKS, MapPiece
+from companion.mapping.voxels.chunks import NOTHING, OFFSETS
+from companion.mapping.voxels.piece import MOST_CHUNKS, MapPiece
 
 COLUMNS = ("chunks", "what", "seconds", "megabytes", "peak_mb")
 CHUNKS = (1000, 10_000, 90_000)

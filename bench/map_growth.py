@@ -26,7 +26,7 @@ from bench import map_frames
 from bench.table import Row, parser, show, write
 from companion.mapping import VoxelMap
 from companion.mapping.journal import Header, Journal
-from companion.mapping.paging import PagedMap
+from companion.mapping.journal.paging import PagedMap
 from companion.model import Camera, DepthFrame, Pose
 from sitl.render import DepthRenderer
 from sitl.worlds import World

@@ -25,12 +25,12 @@ from bench.map_frames import ROUGH, TUNNEL, camera_of, spoilt
 from bench.map_frames import flight as flight_of
 from companion.config.mapping import MapSettings
 from companion.mapping import VoxelMap
-from companion.mapping.chunks import VOLUME
 from companion.mapping.journal import Header, Journal
 from companion.mapping.journal.coding import MOST_BYTES, decode, encode
 from companion.mapping.journal.log import packed
-from companion.mapping.paging import PagedMap
-from companion.mapping.piece import MapPiece
+from companion.mapping.journal.paging import PagedMap
+from companion.mapping.voxels.chunks import VOLUME
+from companion.mapping.voxels.piece import MapPiece
 from companion.model import DepthFrame
 
 VOXELS_M = (0.1, 0.05)

@@ -19,9 +19,9 @@ import numpy as np
 from companion.flight import __main__ as flight_process
 from companion.flight import mission as app
 from companion.flight.tasks import background
+from companion.mapping.process.client import MapWorker
 from companion.mapping.process.start import MAP_NICENESS, ignore_ctrl_c
 from companion.mapping.process.status import MapStatus
-from companion.mapping.process.worker import MapWorker
 from companion.model import DepthFrame
 
 FEED_PERIOD_S, FEED_TURN_RAD = 0.005, 0.3

@@ -19,10 +19,10 @@ from bench.table import Row, parser, show
 from companion.config.load import load_settings
 from companion.flight.warm_up import reach
 from companion.mapping import FREE, OCCUPIED, UNKNOWN, MapSnapshot
-from companion.mapping.chunks import EDGE, OFFSETS
-from companion.mapping.queries.nearest import nearest_not_free_m, nearest_obstacle_m
-from companion.mapping.queries.sight import sights
-from companion.mapping.queries.surveyor import Surveyor
+from companion.mapping.frontiers.nearest import nearest_not_free_m, nearest_obstacle_m
+from companion.mapping.frontiers.sight import sights
+from companion.mapping.frontiers.surveyor import Surveyor
+from companion.mapping.voxels.chunks import EDGE, OFFSETS
 from companion.model import FloatArray
 
 VOXEL_M = 0.1

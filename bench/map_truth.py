@@ -50,11 +50,11 @@ from companion.config.sim import NoiseSettings
 from companion.errors import CompanionError
 from companion.geometry import camera_to_world
 from companion.mapping import FREE, VoxelMap
-from companion.mapping.measures import accuracy_m, precision
 from companion.model import DepthFrame, Pose
 from sitl.flight import Flight
 from sitl.raycast import RayCaster
 from sitl.render import DepthRenderer
+from sitl.scene.map_metrics import accuracy_m, precision
 from sitl.sensors import SensorRig
 from sitl.simulation import start_poses
 from sitl.surface import Array, Points, Surroundings, surface_samples

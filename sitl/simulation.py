@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from companion.config.settings import Settings
 from companion.errors import InputError
 from companion.mapping import VoxelMap
-from companion.mapping.measures import accuracy_m, precision
 from companion.model import Pose
 from sitl.flight import Flight
 from sitl.raycast import RayCaster
+from sitl.scene.map_metrics import accuracy_m, precision
 from sitl.truth import Truth, horizontal_clearance
 from sitl.worlds import World, check_start
 

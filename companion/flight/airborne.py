@@ -16,7 +16,7 @@ from companion.flight.session import Session
 from companion.flight.tasks import background
 from companion.flight.termination import Ending, Standing, ending
 from companion.gate.protocol import Phase
-from companion.mapping.process.worker import MapWorker
+from companion.mapping.process.client import MapWorker
 from companion.mavlink.modes import mode_name, personality
 
 

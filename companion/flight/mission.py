@@ -32,8 +32,8 @@ from companion.flight.session import Session, open_session
 from companion.flight.tasks import background
 from companion.flight.termination import Ending
 from companion.flight.warm_up import warm_up
+from companion.mapping.process.client import MapWorker, check_folder
 from companion.mapping.process.status import MapError
-from companion.mapping.process.worker import MapWorker, check_folder
 from companion.pipeline import Explorer
 from companion.recording import FlightInfo, Recorder
 from companion.recording.content import ENDED

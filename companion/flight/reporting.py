@@ -11,7 +11,7 @@ from companion.control import Navigator
 from companion.flight.control_loop import TickRecord
 from companion.flight.preflight import CheckResult
 from companion.flight.termination import Ending
-from companion.mapping.process.worker import MapWorker
+from companion.mapping.process.client import MapWorker
 from companion.model import Mode
 from companion.recording import Recorder, Tick
 from companion.recording.content import ENDED, ENGAGED

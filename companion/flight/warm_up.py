@@ -23,9 +23,9 @@ from companion.control.known_ground import KnownGround, WallFollowing
 from companion.geometry import rotation
 from companion.mapping import VoxelMap
 from companion.mapping.files import write_map
-from companion.mapping.process.serve import compile_ahead
-from companion.mapping.queries.frontier import Reach
-from companion.mapping.queries.surveyor import survey
+from companion.mapping.frontiers.frontier import Reach
+from companion.mapping.frontiers.surveyor import survey
+from companion.mapping.process.server import compile_ahead
 from companion.model import BEAM_AXES, Camera, DepthFrame, Observation, Pose, RangeReading, Scan, Setpoint, wrap_rad
 from companion.pipeline import Explorer
 

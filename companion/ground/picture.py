@@ -15,10 +15,10 @@ from PIL import Image
 
 from companion.ground.paper import FAINT, MARK, TITLE_PX, Axis, Paper, text_width
 from companion.ground.voxels import PIECE, PackedVoxels, State
-from companion.mapping.chunks import SHIFT
 from companion.mapping.files.colours import viridis
 from companion.mapping.files.export import Progress, silent
 from companion.mapping.files.whole import whole_file
+from companion.mapping.voxels.chunks import SHIFT
 from companion.model import FloatArray
 
 PLAN_PX = 1300, 850

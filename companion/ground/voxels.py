@@ -9,8 +9,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mapping.chunks import EDGE, NOTHING, OFFSETS, VOLUME
-from companion.mapping.piece import MapSource
+from companion.mapping.voxels.chunks import EDGE, NOTHING, OFFSETS, VOLUME
+from companion.mapping.voxels.piece import MapSource
 
 PIECE = 256
 """Chunks of which the voxels are given at a time."""

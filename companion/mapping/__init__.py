@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from companion.mapping.lookup import FREE, OCCUPIED, UNKNOWN
-from companion.mapping.snapshot import IntegrationReport, MapCounts, MapSnapshot
-from companion.mapping.voxel_map import VoxelMap
+from companion.mapping.voxels.lookup import FREE, OCCUPIED, UNKNOWN
+from companion.mapping.voxels.snapshot import IntegrationReport, MapCounts, MapSnapshot
+from companion.mapping.voxels.voxel_map import VoxelMap
 from companion.model import DepthFrame
 
 

@@ -15,8 +15,8 @@ from companion.flight.control_loop import TickRecord
 from companion.flight.preflight import CheckResult
 from companion.flight.reporting import Announcements, MapFeed
 from companion.flight.termination import Ending
+from companion.mapping.process.client import MapWorker
 from companion.mapping.process.status import MapStatus
-from companion.mapping.process.worker import MapWorker
 from companion.model import DepthFrame, Mode, Observation, PlanarScan, Pose, Setpoint
 from companion.recording import Recorder
 from companion.recording.content import ENDED, ENGAGED

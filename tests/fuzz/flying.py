@@ -25,7 +25,7 @@ from companion.flight.control_loop import Pilot, TickRecord
 from companion.flight.operator_commands import Orders
 from companion.flight.rate import Pace
 from companion.flight.reporting import Announcements
-from companion.mapping.process.worker import MapWorker
+from companion.mapping.process.client import MapWorker
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.modes import DO_SET_MODE, personality, px4_mode
 from companion.model import Setpoint

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from companion.ground.voxels import PackedVoxels, packed
-from companion.mapping.chunks import NOTHING, OFFSETS
-from companion.mapping.piece import MapPiece
-from tests.mapping.test_facts import Held
+from companion.mapping.voxels.chunks import NOTHING, OFFSETS
+from companion.mapping.voxels.piece import MapPiece
+from tests.mapping.files.test_facts import Held
 
 VOXEL_M, THRESHOLD = 0.1, 847
 FREE, UNDECIDED, OCCUPIED = -1000, 100, 2000

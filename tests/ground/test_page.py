@@ -22,9 +22,9 @@ from companion.config.mapping import MapSettings
 from companion.errors import InputError
 from companion.ground.page import MOST_LAYERS, Page, cloud, serve
 from companion.ground.voxels import PackedVoxels, State
-from companion.mapping.chunks import OFFSETS
 from companion.mapping.journal import Header, Journal
-from companion.mapping.piece import MapPiece
+from companion.mapping.voxels.chunks import OFFSETS
+from companion.mapping.voxels.piece import MapPiece
 from tests.ground.maps import nothing, tunnel
 
 

@@ -9,11 +9,11 @@ import typer
 from companion.cli.maps.progress import Progress
 from companion.cli.maps.sources import opened, refuse_target, write_errors
 from companion.errors import InputError
-from companion.mapping.chunks import NOTHING
-from companion.mapping.clip import Box, ClippedMap
 from companion.mapping.files import FORMATS, write
+from companion.mapping.files.clip import Box, ClippedMap
 from companion.mapping.files.mesh import MESH_FORMATS, write_mesh
-from companion.mapping.piece import MapSource
+from companion.mapping.voxels.chunks import NOTHING
+from companion.mapping.voxels.piece import MapSource
 
 
 def export_map(source: Path, targets: list[Path], *, mesh: bool, box_m: Box | None, overwrite: bool) -> None:

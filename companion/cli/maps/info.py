@@ -11,9 +11,9 @@ from pathlib import Path
 from companion.cli.maps import wording
 from companion.cli.maps.progress import Progress
 from companion.cli.maps.sources import map_at, opened
-from companion.mapping.facts import MapFacts, facts_of
+from companion.mapping.files.facts import MapFacts, facts_of
 from companion.mapping.journal import Header, Journal
-from companion.mapping.piece import MapSource
+from companion.mapping.voxels.piece import MapSource
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,10 +16,10 @@ from companion.cli.maps.sources import map_at, opened, refuse_target, write_erro
 from companion.config.mapping import MapSettings
 from companion.errors import InputError
 from companion.mapping.files import write
+from companion.mapping.files.merge import IndexedMap, MergedMap
 from companion.mapping.journal import JOURNAL_SUFFIX, Header, Journal, JournalError
 from companion.mapping.journal.lock import lock
-from companion.mapping.merge import IndexedMap, MergedMap
-from companion.mapping.piece import MapSource
+from companion.mapping.voxels.piece import MapSource
 
 TREE_SUFFIX = ".ot"
 

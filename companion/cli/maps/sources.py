@@ -14,7 +14,7 @@ from companion.cli.maps.progress import Progress
 from companion.errors import CompanionError, InputError
 from companion.mapping.files import MapFileError, open_map
 from companion.mapping.journal import JOURNAL_NAME, JOURNAL_SUFFIX, Journal, JournalError
-from companion.mapping.piece import MapSource
+from companion.mapping.voxels.piece import MapSource
 
 
 class MapCommandError(CompanionError):

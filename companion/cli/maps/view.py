@@ -11,7 +11,7 @@ from companion.cli.maps.progress import Progress
 from companion.cli.maps.sources import map_at, opened, refuse_target, write_errors
 from companion.errors import CompanionError, InputError
 from companion.mapping.journal import Journal
-from companion.mapping.piece import MapSource
+from companion.mapping.voxels.piece import MapSource
 
 EXTRA = "mine-companion[ground]"
 _OF_THE_EXTRA = ("viser", "PIL")

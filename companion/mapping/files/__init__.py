@@ -21,7 +21,7 @@ from companion.mapping.files.open import open_map
 from companion.mapping.files.pcd import write_pcd
 from companion.mapping.files.ply import write_ply
 from companion.mapping.files.whole import whole_file
-from companion.mapping.piece import MapSource
+from companion.mapping.voxels.piece import MapSource
 
 FORMATS: dict[str, Callable[[Export, BinaryIO, Progress], None]] = {
     "ply": write_ply,

@@ -10,9 +10,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from companion.mapping.chunks import EDGE, NOTHING, OFFSETS
 from companion.mapping.files.errors import MapFileError
-from companion.mapping.piece import MapSource
+from companion.mapping.voxels.chunks import EDGE, NOTHING, OFFSETS
+from companion.mapping.voxels.piece import MapSource
 from companion.model import FloatArray
 
 Progress = Callable[[float], None]

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from companion.mapping.chunks import EDGE, NOTHING, VOLUME, place_of
+from companion.mapping.voxels.chunks import EDGE, NOTHING, VOLUME, place_of
 from companion.model import FloatArray
 
 SIDE = EDGE + 2

@@ -15,7 +15,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from companion.mapping.chunks import NOTHING, SHIFT
 from companion.mapping.files.errors import MapFileError
 from companion.mapping.files.export import Export, Progress, writable
 from companion.mapping.files.octree_nodes import (
@@ -32,6 +31,7 @@ from companion.mapping.files.octree_nodes import (
     joined,
 )
 from companion.mapping.files.spool import Spool
+from companion.mapping.voxels.chunks import NOTHING, SHIFT
 
 LEVELS = 16
 CHUNK_LEVEL = LEVELS - SHIFT

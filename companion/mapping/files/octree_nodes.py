@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from companion.mapping.chunks import NOTHING, SHIFT, VOLUME
+from companion.mapping.voxels.chunks import NOTHING, SHIFT, VOLUME
 
 NO_NODE, LEAF, INNER = np.uint8(0), np.uint8(1), np.uint8(2)
 """What may be at a place of the tree."""

@@ -11,7 +11,6 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mapping.chunks import NOTHING, VOLUME
 from companion.mapping.files.errors import MapFileError
 from companion.mapping.files.export import Progress, silent
 from companion.mapping.files.octree import BINARY_NAME, CHUNK_LEVEL, CHUNK_OFFSET, FULL_NAME, THRESHOLD_NOTE
@@ -29,7 +28,8 @@ from companion.mapping.files.octree_walk import (
     room_for,
     walk,
 )
-from companion.mapping.piece import MOST_CHUNKS, MapPiece
+from companion.mapping.voxels.chunks import NOTHING, VOLUME
+from companion.mapping.voxels.piece import MOST_CHUNKS, MapPiece
 
 _MOST_HEADER_BYTES = 65536
 _MOST_LINE_BYTES = 4096

@@ -8,9 +8,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from companion.mapping.chunks import VOLUME
 from companion.mapping.files.octree import CHUNK_LEVEL, LEVELS
 from companion.mapping.files.octree_nodes import BINARY_NODE_BYTES, FULL_NODE_BYTES
+from companion.mapping.voxels.chunks import VOLUME
 
 SOUND, TOO_DEEP, NOT_FINITE, NO_CHILDREN = 0, 1, 2, 3
 """What may be wrong with a node."""

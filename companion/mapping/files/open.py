@@ -8,7 +8,7 @@ from companion.mapping.files.errors import MapFileError
 from companion.mapping.files.export import Progress, silent
 from companion.mapping.files.octree_read import open_octree
 from companion.mapping.journal import Journal
-from companion.mapping.piece import MapSource
+from companion.mapping.voxels.piece import MapSource
 
 _OCTREES = (".bt", ".ot")
 

@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from companion.mapping.chunks import NOTHING, VOLUME
+from companion.mapping.voxels.chunks import NOTHING, VOLUME
 
 _BRICK = 64
 _BRICKS = VOLUME // _BRICK

@@ -12,7 +12,7 @@ from typing import Any
 
 from companion.config.mapping import MapSettings
 from companion.errors import CompanionError
-from companion.mapping.sensor_model import steps_of
+from companion.mapping.voxels.sensor_model import steps_of
 
 MAGIC = b"voxelog\n"
 VERSION = 1

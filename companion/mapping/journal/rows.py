@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from companion.mapping.chunks import CHUNK_LIMIT, EMPTY, chunk_key, row_of_key, slot_of
+from companion.mapping.voxels.chunks import CHUNK_LIMIT, EMPTY, chunk_key, row_of_key, slot_of
 
 Number = TypeVar("Number", bound=np.generic)
 

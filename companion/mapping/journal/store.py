@@ -12,7 +12,6 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mapping.chunks import VOLUME
 from companion.mapping.journal.coding import decode
 from companion.mapping.journal.contents import Contents, place_of_record
 from companion.mapping.journal.header import Header, JournalError, prologue
@@ -21,7 +20,8 @@ from companion.mapping.journal.log import FRONT_BYTES, Loss, packed, record_at
 from companion.mapping.journal.recovery import Progress, recover, refuse_foreign, segment_paths
 from companion.mapping.journal.rows import chunks_of, key_of, keys_of
 from companion.mapping.journal.segment import Segment
-from companion.mapping.piece import MOST_CHUNKS, MapPiece, MapSource
+from companion.mapping.voxels.chunks import VOLUME
+from companion.mapping.voxels.piece import MOST_CHUNKS, MapPiece, MapSource
 
 SEGMENT_BYTES = 16 << 20
 """A file that has grown to this is followed by another."""

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from companion.config.mapping import MapSettings
 from companion.mapping.journal import Header
-from companion.mapping.paging import PagedMap
-from companion.mapping.piece import MapPiece
+from companion.mapping.journal.paging import PagedMap
 from companion.mapping.process.journal_thread import PatientJournal, sync_files
 from companion.mapping.process.keeper import Keeper, told
-from companion.mapping.snapshot import MapSnapshot
+from companion.mapping.voxels.piece import MapPiece
+from companion.mapping.voxels.snapshot import MapSnapshot
 from companion.model import DepthFrame, PlanarScan
 
 BYTES_PER_MB = 1_000_000

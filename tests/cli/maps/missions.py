@@ -10,9 +10,9 @@ import octomap
 from numpy.typing import NDArray
 
 from companion.config.mapping import MapSettings
-from companion.mapping.chunks import NOTHING, OFFSETS
 from companion.mapping.journal import Header, Journal
-from companion.mapping.piece import MapPiece
+from companion.mapping.voxels.chunks import NOTHING, OFFSETS
+from companion.mapping.voxels.piece import MapPiece
 
 Run = Callable[..., tuple[int, str, str]]
 

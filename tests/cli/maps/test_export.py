@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from companion.mapping.journal import Journal
-from companion.mapping.piece import MapPiece
+from companion.mapping.voxels.piece import MapPiece
 from tests.cli.maps.missions import HEADER, Run, labels, tree
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from companion.mapping.chunks import NOTHING, OFFSETS
 from companion.mapping.journal import Journal
+from companion.mapping.voxels.chunks import NOTHING, OFFSETS
 from tests.cli.maps.missions import HEADER, Run, journal_at, labels, tree
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mapping.chunks import NOTHING, OFFSETS
-from companion.mapping.piece import MOST_CHUNKS, MapPiece, MapSource
+from companion.mapping.voxels.chunks import NOTHING, OFFSETS
+from companion.mapping.voxels.piece import MOST_CHUNKS, MapPiece, MapSource
 from companion.model import FloatArray
 
 FREE_VALUE, OCCUPIED_VALUE, THRESHOLD = -1234, 2345, 847

@@ -13,7 +13,7 @@ import open3d
 import pytest
 
 from companion.mapping.files import MapFileError, write
-from companion.mapping.piece import MapPiece
+from companion.mapping.voxels.piece import MapPiece
 from companion.model import FloatArray
 from tests.mapping.files.sources import EMPTY, Held, occupied_m, of_voxels, scattered
 

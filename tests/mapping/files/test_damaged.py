@@ -14,7 +14,7 @@ from companion.errors import InputError
 from companion.mapping.files import MapFileError, open_map, write
 from companion.mapping.files.octree import BINARY_NAME, FULL_NAME
 from companion.mapping.journal import Header, Journal
-from companion.mapping.piece import MapPiece
+from companion.mapping.voxels.piece import MapPiece
 from tests.mapping.files.sources import contents, of_voxels, scattered
 
 SMALL = scattered(5, chunks=8)

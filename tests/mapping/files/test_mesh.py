@@ -12,7 +12,7 @@ import trimesh
 
 from companion.mapping import VoxelMap
 from companion.mapping.files import write_mesh
-from companion.mapping.piece import MapSource
+from companion.mapping.voxels.piece import MapSource
 from companion.model import FloatArray
 from tests.mapping.files.sources import (
     FREE_VALUE,
@@ -25,7 +25,7 @@ from tests.mapping.files.sources import (
     room,
     scattered,
 )
-from tests.mapping.scenes import EXACT, camera, frame, pose, room_depth
+from tests.mapping.voxels.scenes import EXACT, camera, frame, pose, room_depth
 
 
 def _mesh(source: MapSource, path: Path) -> trimesh.Trimesh:

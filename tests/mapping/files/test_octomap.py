@@ -8,10 +8,10 @@ import numpy as np
 import octomap
 import pytest
 
-from companion.mapping.chunks import NOTHING
 from companion.mapping.files import MapFileError, open_map, write
 from companion.mapping.files.octree_walk import BINARY_FREE, BINARY_OCCUPIED
-from companion.mapping.lookup import FREE, OCCUPIED, UNKNOWN, states_of
+from companion.mapping.voxels.chunks import NOTHING
+from companion.mapping.voxels.lookup import FREE, OCCUPIED, UNKNOWN, states_of
 from tests.mapping.files.sources import EMPTY, Held, centres_m, contents, of_voxels, room, scattered
 
 LABELS = {UNKNOWN: -1, FREE: 0, OCCUPIED: 1}

@@ -13,7 +13,7 @@ import pytest
 from companion.mapping import VoxelMap
 from companion.mapping.files import FORMATS, MapFileError, open_map, write, write_map, write_mesh
 from tests.mapping.files.sources import EMPTY, contents, of_voxels, scattered
-from tests.mapping.scenes import EXACT, camera, frame, pose
+from tests.mapping.voxels.scenes import EXACT, camera, frame, pose
 
 MISSION = ["map.bt", "map.laz", "map.pcd", "map.ply"]
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config.mapping import MapSettings
-from companion.mapping.chunks import NOTHING, VOLUME
 from companion.mapping.journal import Header, Journal
-from companion.mapping.piece import MapPiece, MapSource
+from companion.mapping.voxels.chunks import NOTHING, VOLUME
+from companion.mapping.voxels.piece import MapPiece, MapSource
 
 HEADER = Header.of(MapSettings())
 

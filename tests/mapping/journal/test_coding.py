@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from companion.mapping.chunks import NOTHING, VOLUME
 from companion.mapping.journal.coding import MOST_BYTES, decode, encode
+from companion.mapping.voxels.chunks import NOTHING, VOLUME
 from tests.mapping.journal.journals import alike, surface
 
 EXTREMES = [int(NOTHING), -32767, -1, 0, 1, 255, 256, 32767]

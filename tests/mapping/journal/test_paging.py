@@ -12,11 +12,11 @@ import pytest
 from companion.config.mapping import MapSettings
 from companion.mapping import VoxelMap
 from companion.mapping.journal import Header, Journal
-from companion.mapping.paging import PagedMap
-from companion.mapping.piece import MapPiece
+from companion.mapping.journal.paging import PagedMap
+from companion.mapping.voxels.piece import MapPiece
 from companion.model import DepthFrame, PlanarScan
 from tests.mapping.journal.journals import Contents, held
-from tests.mapping.scenes import camera, frame, pose, room_depth
+from tests.mapping.voxels.scenes import camera, frame, pose, room_depth
 
 pytestmark = pytest.mark.timeout(400)
 """Whichever comes first may have to compile the whole map, on a machine that is busy."""

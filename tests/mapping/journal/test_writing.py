@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.mapping.journal import Journal, JournalError
-from companion.mapping.piece import MapPiece
+from companion.mapping.voxels.piece import MapPiece
 from tests.mapping.journal.journals import HEADER, Chunk, Contents, alike, held, piece, surface, written
 
 

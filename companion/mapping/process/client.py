@@ -1,0 +1,301 @@
+"""The map in a process of its own, so that it never holds up the control tick.
+
+Readings go over through shared memory, everything else through a pipe that is read when there is something in it: no
+call here waits for the map. When the map is slower than the sensors, readings are dropped and counted.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections.abc import Sequence
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from companion.clock import Clock, MonotonicClock
+from companion.config.control import ControlSettings
+from companion.config.mapping import MapSettings
+from companion.errors import InputError
+from companion.mapping.frontiers.frontier import Reach
+from companion.mapping.journal import JOURNAL_NAME
+from companion.mapping.process.export import SAVE_TIMEOUT_S, write_files
+from companion.mapping.process.messages import (
+    FromMap,
+    Keep,
+    Kept,
+    Offered,
+    OfferedFrame,
+    OfferedScan,
+    Ready,
+    Report,
+    Taken,
+    ToMap,
+)
+from companion.mapping.process.slots import SlotRing
+from companion.mapping.process.status import MapError, MapStatus
+from companion.mapping.process.supervisor import MapProcess
+from companion.mapping.process.tally import Tally
+from companion.model import Camera, DepthFrame, PlanarScan
+
+STALE_S = 5.0
+"""A process that has been silent for this long does not say any more that the map is complete."""
+
+MOST_CAMERAS = 8
+MOST_RAYS = 65536
+"""No planar scanner has more rays a turn."""
+
+_log = logging.getLogger(__name__)
+
+
+class MapWorker:
+    """A map in another process; an asynchronous context manager.
+
+    With a folder, the map is kept in ``map.journal`` there. When the process dies (killed, out of memory) it is started
+    again, `child.RESTARTS` times at most, **and goes on with what the journal holds**: all but the last second, which
+    `MapStatus.lost` counts. Without a folder it begins anew, empty. A process that hangs is not replaced: the age of
+    its status grows. It ignores Ctrl-C and ends when the application does, however that ends.
+
+    Args:
+        settings: of the map.
+        cameras: that take the images; the first one looks ahead and says what can be seen of a frontier.
+        control: height and margins, which say what the vehicle can reach.
+        folder: where the journal is and `save` writes; None: nowhere.
+        resume: go on with the journal that the folder holds; without it, a folder that holds one is refused.
+        half_slab_m: what is this much above or below the centre of the vehicle is in its way.
+        max_slope: steepest ground that it follows, rise over run.
+        clock: for the age of the status.
+    """
+
+    def __init__(
+        self,
+        settings: MapSettings,
+        cameras: Sequence[Camera],
+        control: ControlSettings,
+        folder: Path | None,
+        *,
+        resume: bool = False,
+        half_slab_m: float = 0.4,
+        max_slope: float = 0.7,
+        clock: Clock | None = None,
+    ) -> None:
+        if not 1 <= len(cameras) <= MOST_CAMERAS:
+            raise ValueError(f"a map takes 1 to {MOST_CAMERAS} cameras, not {len(cameras)}")
+        self._settings = settings
+        self._cameras = tuple(cameras)
+        self._reach = Reach.of(settings, cameras[0], control, half_slab_m, max_slope)
+        self._folder = folder
+        self._resume = resume
+        self._clock = clock or MonotonicClock()
+        self._context = get_context("spawn")
+        rings = [SlotRing(self._context, (camera.height_px, camera.width_px), np.float32) for camera in cameras]
+        self._rings = (*rings, SlotRing(self._context, (2, MOST_RAYS), np.float64))
+        journal = None if folder is None else folder / JOURNAL_NAME
+        arguments = (self._rings, settings, self._cameras, self._reach, journal)
+        self._child = MapProcess(self._context, _serve, arguments, self._take, self._died)
+        self._saving = asyncio.Lock()
+        self._keeps = 0
+        self._kept: asyncio.Future[Kept] | None = None
+        self._report = Report()
+        self._tally = Tally()
+        self._heard_s = -math.inf
+        self._resumed_chunks = 0
+
+    async def __aenter__(self) -> Self:
+        """Start the process and wait until it has loaded and compiled everything, and read the journal.
+
+        Raises:
+            MapError: it ended at once, or does not get ready, or cannot use the journal.
+            InputError: `check_folder`.
+        """
+        check_folder(self._folder, self._resume)
+        await self._child.begin()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """End the process. What it knows is in the journal then."""
+        await self._child.close()
+
+    @property
+    def status(self) -> MapStatus:
+        """How the map stands, as it last said. Costs nothing."""
+        report, tally = self._report, self._tally
+        age_s = self._clock.now_s() - self._heard_s
+        alive = self._child.is_ready
+        return MapStatus(
+            frames=tally.in_map("frames"),
+            dropped=tally.dropped,
+            refused=tally.refused,
+            occupied=report.occupied,
+            completeness=report.completeness,
+            complete=report.complete and alive and age_s <= STALE_S,
+            frontiers=report.frontiers,
+            survey_s=report.survey_s,
+            age_s=age_s,
+            alive=alive,
+            restarts=self._child.restarts,
+            scans=tally.in_map("scans"),
+            lost=tally.lost,
+            resumed_chunks=self._resumed_chunks,
+            frame_ms=report.frame_ms,
+            chunks=report.chunks,
+            memory_bytes=report.memory_bytes,
+            journal_bytes=report.journal_bytes,
+            problem=report.problem if alive else self._child.why or "the process of the map does not run",
+        )
+
+    def offer(self, frame: DepthFrame, source: int = 0) -> bool:
+        """Give an image to the map: copied at once, put in later.
+
+        Args:
+            frame: the image.
+            source: the number of its camera among ``cameras``.
+
+        Returns:
+            Whether it was taken; when not, it is counted as dropped or refused.
+        """
+        # A camera's own calibration is never quite what the settings say; only its size has to be.
+        if frame.depth_m.shape != self._rings[:-1][source].shape:
+            self._tally.refused += 1
+            return False
+        slot = self._slot(source)
+        if slot is None:
+            return False
+        self._rings[source].array(slot)[...] = frame.depth_m
+        return self._offer(OfferedFrame(source, slot, frame.t_s, frame.pose, frame.camera))
+
+    def offer_scan(self, scan: PlanarScan) -> bool:
+        """Give one turn of the planar scanner to the map: copied at once, put in later.
+
+        Returns:
+            Whether it was taken; when not, it is counted as dropped or refused.
+        """
+        source, rays = len(self._cameras), len(scan.ranges_m)
+        if not 0 < rays == len(scan.bearings_rad) <= MOST_RAYS:
+            self._tally.refused += 1
+            return False
+        slot = self._slot(source)
+        if slot is None:
+            return False
+        room = self._rings[source].array(slot)
+        room[0, :rays], room[1, :rays] = scan.bearings_rad, scan.ranges_m
+        return self._offer(OfferedScan(source, slot, scan.t_s, scan.pose, rays, scan.max_range_m))
+
+    async def save(self) -> list[Path]:
+        """Write the files of the map, each whole or not at all; where they are.
+
+        The map puts what it has into its journal and goes on; another process makes the files of it. So this works
+        too when the map's process has died for good. Without a folder nothing is written.
+
+        Raises:
+            MapError: a file cannot be written, or there is no map. The map goes on in any case, and its journal stays.
+        """
+        if self._folder is None:
+            return []
+        async with self._saving:
+            await self._keep()
+            return await write_files(self._context, self._folder)
+
+    async def _keep(self) -> None:
+        """Have everything put on the disk. Without a process there is nothing more than what is there."""
+        self._keeps += 1
+        self._kept = asyncio.get_running_loop().create_future()
+        try:
+            if not self._child.is_ready or not self._child.tell(Keep(self._keeps)):
+                _log.error("the process of the map does not run: what it kept before is written")
+                return
+            kept = await asyncio.wait_for(self._kept, SAVE_TIMEOUT_S)
+        except TimeoutError:
+            raise MapError(f"the map was not kept in {self._folder} in {SAVE_TIMEOUT_S:g} s") from None
+        finally:
+            self._kept = None
+        if kept.problem:
+            raise MapError(f"cannot write the map to {self._folder}: {kept.problem}")
+
+    def _slot(self, source: int) -> int | None:
+        """Room for a reading, or None, which is counted."""
+        slot = self._rings[source].take() if self._child.is_ready else None
+        self._tally.dropped += slot is None
+        return slot
+
+    def _offer(self, offered: Offered) -> bool:
+        told = self._child.tell(offered)
+        if not told:
+            self._tally.dropped += 1
+            self._rings[offered.source].give_back(offered.slot)
+        return told
+
+    def _take(self, message: FromMap) -> None:
+        self._heard_s = self._clock.now_s()
+        match message:
+            case Taken(source, slot, used):
+                self._rings[source].give_back(slot)
+                if used:
+                    self._tally.used("frames" if source < len(self._cameras) else "scans")
+                else:
+                    self._tally.refused += 1
+            case Report():
+                self._hear_report(message)
+            case Kept():
+                if self._kept is not None and not self._kept.done() and message.number == self._keeps:
+                    self._kept.set_result(message)
+            case Ready(resumed_chunks):
+                self._resumed_chunks = resumed_chunks
+
+    def _hear_report(self, report: Report) -> None:
+        if report.problem != self._report.problem:
+            if report.problem:
+                _log.error("the map: %s; the flight goes on", report.problem)
+            else:
+                _log.warning("the map: it is kept on the disk again")
+        self._report = report
+        self._tally.kept(report.kept_frames, report.kept_scans)
+
+    def _died(self) -> int:
+        """Forget what only the process had; how many readings are lost with it."""
+        lost = self._tally.died(sum(ring.in_use for ring in self._rings))
+        for ring in self._rings:
+            ring.give_back_all()
+        self._report = Report(problem=self._report.problem)
+        if self._kept is not None and not self._kept.done():
+            self._kept.set_exception(MapError("the process of the map died before the map was kept"))
+        return lost
+
+
+def check_folder(folder: Path | None, resume: bool) -> None:
+    """Two missions must never be mixed by accident: after a reboot of the autopilot its origin is another one.
+
+    Raises:
+        InputError: a map is to be resumed and there is none, or there is one that is not to be resumed.
+    """
+    if folder is None:
+        return
+    journal = folder / JOURNAL_NAME
+    if resume and not journal.is_dir():
+        raise InputError(f"no map can be resumed in {folder}: it holds no {JOURNAL_NAME}; give the folder of a flight")
+    if not resume and journal.exists():
+        raise InputError(f"{folder} holds the map of another flight: resume it (--resume-map) or give another folder")
+
+
+def _serve(
+    pipe: Connection[FromMap, ToMap],
+    rings: Sequence[SlotRing],
+    settings: MapSettings,
+    cameras: Sequence[Camera],
+    reach: Reach,
+    journal: Path | None,
+) -> None:
+    # Loaded there and not here: the application needs nothing of it.
+    from companion.mapping.process.server import serve
+
+    serve(pipe, rings, settings, cameras, reach, journal)
+
+
+__all__ = ["MapError", "MapStatus", "MapWorker", "check_folder"]

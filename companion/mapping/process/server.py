@@ -1,0 +1,248 @@
+"""The process of the map: takes images and scans, keeps them on the disk, looks for frontiers, and reports."""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import tempfile
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+from companion.config.mapping import MapSettings
+from companion.errors import CompanionError
+from companion.mapping.frontiers.frontier import Judge, Reach, Survey
+from companion.mapping.frontiers.surveyor import Surveyor
+from companion.mapping.process.kept_map import KeptMap
+from companion.mapping.process.messages import (
+    Failed,
+    FromMap,
+    Keep,
+    Kept,
+    Offered,
+    OfferedFrame,
+    OfferedScan,
+    Preparing,
+    Ready,
+    Report,
+    Stop,
+    Taken,
+    ToMap,
+)
+from companion.mapping.process.slots import SlotRing
+from companion.mapping.process.start import MAP_NICENESS, ignore_ctrl_c
+from companion.mapping.process.waiting import Waiting
+from companion.model import Camera, DepthFrame, PlanarScan, Pose
+
+REPORT_PERIOD_S = 0.5
+SURVEY_PERIOD_S = 1.0
+
+LOOK_PERIOD_S = 0.1
+"""With nothing to do, it is looked this often whether something has to be kept or reported."""
+
+SURVEY_SHARE = 0.25
+"""Frontiers are looked for during this share of the time at most, however large the mine has grown."""
+
+MOST_PLACES = 10_000
+"""Places flown through since the last look for frontiers: of more than these the oldest are left out."""
+
+LEAST_SPEED_MPS = 0.1
+"""Slower ones are not remembered as flown: on the ground and in the climb of the take-off the vehicle is not at flight
+height."""
+
+TIMED_FRAMES = 51
+"""Of so many images the median time is reported."""
+
+_log = logging.getLogger(__name__)
+
+
+def serve(
+    pipe: Connection[FromMap, ToMap],
+    rings: Sequence[SlotRing],
+    settings: MapSettings,
+    cameras: Sequence[Camera],
+    reach: Reach,
+    journal: Path | None,
+) -> None:
+    """Be the map until told to stop, or until the other end of the pipe is gone."""
+    ignore_ctrl_c()
+    os.nice(MAP_NICENESS)
+    try:
+        kept_map = KeptMap(settings, journal)
+    except CompanionError as error:
+        pipe.send(Failed(str(error)))
+        return
+    # When the application is gone the map is still kept.
+    with kept_map, suppress(EOFError, BrokenPipeError, ConnectionResetError):
+        try:
+            compile_ahead(settings, cameras, reach, lambda what: pipe.send(Preparing(what)))
+        except (OSError, CompanionError) as error:
+            # A full disk must not keep the map from being started again in flight.
+            _log.warning("nothing of the map is compiled ahead, the first images may be late: %s", error)
+        worker = _Worker(pipe, rings, kept_map, reach)
+        pipe.send(Ready(kept_map.chunks))
+        while worker.turn():
+            pass
+
+
+def compile_ahead(
+    settings: MapSettings, cameras: Sequence[Camera], reach: Reach, tell: Callable[[str], None] = lambda _: None
+) -> None:
+    """Put an image of each camera, and a scan, into a map that is thrown away: the first one would take seconds.
+
+    Args:
+        settings: of the map.
+        cameras: that will take the images.
+        reach: what the vehicle can do.
+        tell: is given what comes next.
+    """
+    pose = Pose(0.0, 0.0, 0.0, reach.height_m, 0.0)
+    with tempfile.TemporaryDirectory() as folder:
+        with KeptMap(settings, Path(folder) / "map") as scratch:
+            tell("compiling what puts images into the map")
+            for camera in cameras:
+                depth_m = np.full((camera.height_px, camera.width_px), camera.max_range_m / 2.0, np.float32)
+                scratch.integrate(DepthFrame(0.0, depth_m, camera, pose))
+            tell("compiling what puts scans into the map")
+            bearings_rad = np.linspace(-math.pi, math.pi, 90, endpoint=False)
+            scratch.integrate_scan(PlanarScan(0.0, bearings_rad, np.full(90, 2.0), 4.0, pose))
+        # From the journal, as after a restart.
+        with KeptMap(settings, Path(folder) / "map") as scratch:
+            tell("compiling what looks for frontiers")
+            surveyor = _surveyor(scratch, reach)
+            surveyor.update(scratch.snapshot())
+            surveyor.flew(np.array([[0.0, 0.0, reach.height_m]]))
+            # Twice: leaving a place that was only surveyed from is compiled too.
+            for x_m in (0.0, 1.0):
+                surveyor.survey((x_m, 0.0, reach.height_m))
+
+
+def _surveyor(kept_map: KeptMap, reach: Reach) -> Surveyor:
+    """A surveyor who knows what the journal held."""
+    surveyor = Surveyor(kept_map.voxel_m, reach)
+    for piece in kept_map.pieces():
+        surveyor.put(piece, kept_map.threshold)
+    return surveyor
+
+
+class _Worker:
+    def __init__(
+        self, pipe: Connection[FromMap, ToMap], rings: Sequence[SlotRing], kept_map: KeptMap, reach: Reach
+    ) -> None:
+        self._pipe = pipe
+        self._rings = rings
+        self._map = kept_map
+        self._judge = Judge(reach)
+        self._surveyor = _surveyor(kept_map, reach)
+        self._waiting = Waiting(len(rings))
+        self._flown: deque[tuple[float, float, float]] = deque(maxlen=MOST_PLACES)
+        self._newest: Offered | None = None
+        self._took_s: deque[float] = deque(maxlen=TIMED_FRAMES)
+        self._surveyed_revision = kept_map.revision
+        self._survey: Survey | None = None
+        self._complete = False
+        self._survey_s = 0.0
+        self._next_survey_s = self._next_report_s = -math.inf
+
+    def turn(self) -> bool:
+        """Hear what there is to hear, then do one thing; false when it is time to end."""
+        wait_s = 0.0 if self._waiting else LOOK_PERIOD_S
+        while self._pipe.poll(wait_s):
+            message = self._pipe.recv()
+            wait_s = 0.0
+            if isinstance(message, Stop):
+                self._keep()
+                return False
+            if isinstance(message, Keep):
+                self._pipe.send(Kept(message.number, self._keep()))
+            else:
+                self._waiting.add(message)
+        if self._waiting:
+            self._put(self._waiting.pop())
+        now_s = time.monotonic()
+        news = self._map.turn(now_s)
+        if self._map.revision > self._surveyed_revision and now_s >= self._next_survey_s:
+            self._look_for_frontiers()
+            now_s = time.monotonic()
+        if news or now_s >= self._next_report_s:
+            self._report(now_s)
+        return True
+
+    def _keep(self) -> str:
+        """Put everything that was heard of into the map, and that on the disk; what is wrong with it."""
+        while self._waiting:
+            self._put(self._waiting.pop())
+        problem = self._map.keep()
+        self._report(time.monotonic())
+        return problem
+
+    def _put(self, offered: Offered) -> None:
+        began_s = time.monotonic()
+        try:
+            used = self._integrate(offered)
+        except ValueError:
+            # A pose that is no number, or outside the grid.
+            used = False
+        if used:
+            if isinstance(offered, OfferedFrame):
+                self._took_s.append(time.monotonic() - began_s)
+            if self._newest is None or offered.t_s >= self._newest.t_s:
+                self._newest = offered
+            pose = offered.pose
+            if math.hypot(pose.vx_mps, pose.vy_mps) >= LEAST_SPEED_MPS:
+                self._flown.append((pose.x_m, pose.y_m, pose.z_m))
+        self._pipe.send(Taken(offered.source, offered.slot, used))
+
+    def _integrate(self, offered: Offered) -> bool:
+        room = self._rings[offered.source].array(offered.slot)
+        match offered:
+            case OfferedFrame():
+                return self._map.integrate(DepthFrame(offered.t_s, room, offered.camera, offered.pose))
+            case OfferedScan():
+                bearings_rad, ranges_m = room[:, : offered.rays]
+                scan = PlanarScan(offered.t_s, bearings_rad, ranges_m, offered.max_range_m, offered.pose)
+                return self._map.integrate_scan(scan)
+
+    def _look_for_frontiers(self) -> None:
+        newest = self._newest
+        if newest is None:
+            return  # nothing but what the journal held
+        began_s = time.monotonic()
+        snapshot = self._map.snapshot(self._surveyed_revision)
+        self._surveyed_revision = snapshot.revision
+        self._surveyor.update(snapshot)
+        if self._flown:
+            self._surveyor.flew(np.array(self._flown))
+            self._flown.clear()
+        self._survey = self._surveyor.survey((newest.pose.x_m, newest.pose.y_m, newest.pose.z_m))
+        self._complete = self._judge.complete(self._survey, newest.t_s)
+        ended_s = time.monotonic()
+        self._survey_s = ended_s - began_s
+        self._next_survey_s = ended_s + max(SURVEY_PERIOD_S, self._survey_s / SURVEY_SHARE) - self._survey_s
+
+    def _report(self, now_s: float) -> None:
+        self._next_report_s = now_s + REPORT_PERIOD_S
+        found, kept_map = self._survey, self._map
+        self._pipe.send(
+            Report(
+                kept_frames=kept_map.kept_frames,
+                kept_scans=kept_map.kept_scans,
+                occupied=0 if found is None else found.occupied,
+                completeness=0.0 if found is None else found.completeness,
+                complete=self._complete,
+                frontiers=0 if found is None else len(found.frontiers_m),
+                survey_s=self._survey_s,
+                frame_ms=1000.0 * median(self._took_s) if self._took_s else 0.0,
+                chunks=kept_map.chunks,
+                memory_bytes=kept_map.memory_bytes + self._surveyor.known.memory_bytes,
+                journal_bytes=kept_map.journal_bytes,
+                problem=kept_map.problem,
+            )
+        )

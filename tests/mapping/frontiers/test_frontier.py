@@ -1,0 +1,163 @@
+"""Frontiers and the end of a mission: too early loses a drift, never lets the battery run out."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from companion.mapping import FREE, OCCUPIED, UNKNOWN, MapSnapshot
+from companion.mapping.frontiers.frontier import SETTLED_S, Judge, Survey
+from companion.mapping.frontiers.surveyor import survey
+from tests.mapping.frontiers.scenes import REACH, room, snapshot
+
+
+def flown(*places: tuple[float, float, float]) -> NDArray[np.float64]:
+    return np.array(places)
+
+
+# The floor of `room` is at 0.2 m, so H is at 1.7 m.
+MIDDLE = flown((4.0, 3.0, 1.7))
+
+
+@pytest.mark.parametrize("voxel_m", [0.05, 0.1, 0.2])
+def test_a_room_that_was_seen_is_complete(voxel_m: float) -> None:
+    """Whatever the size of the voxels: no frontier, all of floor and roof, the area at flight height right."""
+    found = survey(snapshot(room(voxel_m=voxel_m), voxel_m), flown((4.0, 3.0, 1.5 + 2.0 * voxel_m)), REACH)
+    assert len(found.frontiers_m) == 0
+    assert found.seen_share == 1.0
+    assert found.completeness == 1.0
+    assert found.free_m2 == pytest.approx(48.0, rel=0.01)
+    # 1 m from every wall leaves 6 m x 4 m; the tolerance is two cells at most at every wall.
+    cell_m = max(voxel_m, 0.1)
+    assert 24.0 <= found.reachable_m2 <= (6.0 + 4.01 * cell_m) * (4.0 + 4.01 * cell_m)
+    assert Judge(REACH).complete(found, 0.0)
+
+
+def test_an_opening_into_the_unknown_is_a_frontier() -> None:
+    """A doorway that nobody looked through keeps the mission going, and its width is told."""
+    dense = room()
+    dense[-2:, 20:44, 2:-2] = UNKNOWN
+    found = survey(snapshot(dense), MIDDLE, REACH)
+    assert len(found.frontiers_m) == 1
+    # 2.4 m, less what lies at the frame of the door and could be its undecided voxels.
+    assert 1.8 <= found.frontiers_m[0] <= 2.4
+    assert found.completeness < 0.95
+    judge = Judge(REACH)
+    assert not judge.complete(found, 0.0)
+    assert not judge.complete(found, 100.0 * SETTLED_S), "a way out must never be given up"
+
+
+def test_specks_are_no_frontier() -> None:
+    """What depth noise and missing pixels leave unknown must not keep a vehicle in the air for ever."""
+    dense = room()
+    random = np.random.default_rng(1)
+    specks = random.random(dense.shape) < 0.05
+    dense[specks & (dense == FREE)] = UNKNOWN
+    dense[-2:, 20:23, 2:-2] = UNKNOWN
+    assert len(survey(snapshot(dense), MIDDLE, REACH).frontiers_m) == 0
+
+
+def test_undecided_voxels_before_a_wall_are_no_frontier() -> None:
+    """A surface has voxels before it of which the looks did not decide: they are the wall, not a way."""
+    dense = room()
+    dense[-3:-1, 2:-2, 2:-2] = UNKNOWN
+    assert len(survey(snapshot(dense), MIDDLE, REACH).frontiers_m) == 0
+
+
+def test_what_no_reachable_place_looks_at_is_no_frontier() -> None:
+    """Behind a gap that is too narrow, round a corner: the vehicle will never see it and must not wait for it."""
+    dense = room()
+    # A second room beside the first, free but with unknown behind it, joined through a gap of 0.4 m at one end.
+    beside = np.full((dense.shape[0], 40, dense.shape[2]), OCCUPIED, np.uint8)
+    beside[2:-2, 2:-2, 2:-2] = FREE
+    beside[-2:, 2:-2, 2:-2] = UNKNOWN
+    both = np.concatenate([dense, beside], axis=1)
+    both[4:8, 58:70, 2:-2] = FREE
+    assert len(survey(snapshot(both), MIDDLE, REACH).frontiers_m) == 0
+    # The same with a gap that is wide enough: now the vehicle can go there.
+    both[4:40, 58:70, 2:-2] = FREE
+    assert len(survey(snapshot(both), MIDDLE, REACH).frontiers_m) == 1
+
+
+@pytest.mark.parametrize("slope", [0.27, -0.27, 0.6])
+def test_the_plan_follows_the_ground(slope: float) -> None:
+    """A ramp is a way and not a wall: level flight would end at its floor or its roof, and the mission before it."""
+    length, rise = 160, round(160 * abs(slope))
+    dense = np.full((length, 44, 44 + rise), OCCUPIED, np.uint8)
+    for i in range(length):
+        low = 2 + round(i * abs(slope) if slope > 0 else (length - i) * abs(slope))
+        dense[i, 2:-2, low : low + 30] = FREE
+    start_m = 0.2 + (0.0 if slope > 0 else length * abs(slope) * 0.1) + 10 * slope * 0.1 + 1.5
+    found = survey(snapshot(dense), flown((1.0, 2.2, start_m)), REACH)
+    assert found.free_m2 == pytest.approx(16.0 * 4.0, rel=0.05)
+    # Open at both ends of the ramp. Only the upper or lower one is far away.
+    assert len(found.frontiers_m) == 2
+
+
+def test_places_above_each_other_stay_apart() -> None:
+    """A drift below another one, as in a spiral ramp: each has its own frontier."""
+    lower, upper = room(), room()
+    upper[-2:, 20:44, 2:-2] = UNKNOWN
+    both = np.concatenate([lower, upper], axis=2)
+    top_m = lower.shape[2] * 0.1
+    assert len(survey(snapshot(both), MIDDLE, REACH).frontiers_m) == 0
+    found = survey(snapshot(both), np.concatenate([MIDDLE, MIDDLE + np.array([0.0, 0.0, top_m])]), REACH)
+    assert len(found.frontiers_m) == 1
+    assert found.free_m2 == pytest.approx(2 * 48.0, rel=0.01)
+
+
+def test_floor_and_roof_have_to_be_seen() -> None:
+    """The slab alone is seen minutes before floor and roof are: a tenth of both missing is not complete."""
+    dense = room()
+    dense[2:22, 2:-2, :5] = UNKNOWN
+    dense[2:22, 2:-2, -6:] = UNKNOWN
+    found = survey(snapshot(dense), MIDDLE, REACH)
+    assert len(found.frontiers_m) == 0
+    assert found.seen_share == pytest.approx(0.75, abs=0.01)
+    assert not Judge(REACH).complete(found, 0.0)
+
+
+def test_a_roof_out_of_sight_does_not_count() -> None:
+    """In a hall the camera never sees the roof; waiting for it would be waiting for ever."""
+    dense = room(z_m=8.0)
+    dense[:, :, 50:] = UNKNOWN
+    found = survey(snapshot(dense), MIDDLE, REACH)
+    assert found.seen_share == 1.0
+
+
+@pytest.mark.parametrize("places", [flown((4.0, 3.0, 1.7)), flown((1e5, -1e5, 0.0)), np.zeros((0, 3))])
+def test_an_empty_map_is_not_complete(places: NDArray[np.float64]) -> None:
+    """No look yet, or a place outside the map: there is no frontier because nothing is known."""
+    unknown = snapshot(np.full((16, 16, 16), UNKNOWN, np.uint8))
+    for nothing in (unknown, MapSnapshot(0.1, 0, unknown.chunks[:0], unknown.states[:0])):
+        found = survey(nothing, places, REACH)
+        assert found.completeness == 0.0
+        judge = Judge(REACH)
+        assert not judge.complete(found, 0.0)
+        assert not judge.complete(found, 1e6)
+
+
+def _found(seen: int, missing: int, *frontiers_m: float) -> Survey:
+    return Survey(100.0, 50.0, np.array(frontiers_m), seen, missing, 0.0, 1000)
+
+
+def test_a_mission_ends_when_nothing_new_comes() -> None:
+    """Water and glass are never seen. News, or an opening that the vehicle fits through, keeps it flying."""
+    judge = Judge(REACH)
+    assert not judge.complete(_found(900, 100, 0.6), 10.0)
+    assert not judge.complete(_found(900, 100, 0.6), 9.0 + SETTLED_S)
+    assert not judge.complete(_found(910, 100, 0.6), 10.0 + SETTLED_S), "news"
+    assert not judge.complete(_found(910, 100, 1.5), 11.0 + 2.0 * SETTLED_S), "an opening"
+    assert judge.complete(_found(910, 100, 0.6), 11.0 + 2.0 * SETTLED_S)
+    assert not judge.complete(_found(500, 500, 0.6), 11.0 + 3.0 * SETTLED_S), "half of the floor is missing"
+
+
+def test_complete_at_once_when_all_is_seen() -> None:
+    """No frontier and floor and roof seen: no reason to wait, and none to look away when one appears again."""
+    judge = Judge(REACH)
+    assert judge.complete(_found(990, 10), 1.0)
+    assert not judge.complete(_found(990, 10, 3.0), 2.0)
+    assert not judge.complete(dataclasses.replace(_found(990, 10), free_m2=1.0), 3.0)

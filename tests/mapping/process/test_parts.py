@@ -1,0 +1,117 @@
+"""The small parts of the map's process, without a process."""
+
+from __future__ import annotations
+
+import errno
+import threading
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+
+from companion.mapping.process.keeper import Keeper, told
+from companion.mapping.process.messages import OfferedFrame
+from companion.mapping.process.slots import SLOTS, SlotRing
+from companion.mapping.process.tally import Tally
+from companion.mapping.process.waiting import Waiting
+from tests.mapping.voxels import scenes
+
+
+def offered(source: int, t_s: float) -> OfferedFrame:
+    return OfferedFrame(source, 0, t_s, scenes.pose(), scenes.camera(40, 30))
+
+
+def test_the_newest_of_each_sensor_comes_first_and_the_sensors_in_turn() -> None:
+    """Protects a slow camera from a fast one: whatever the fast one piles up, both are looked at in turn."""
+    waiting = Waiting(3)
+    for t_s in range(5):
+        waiting.add(offered(0, float(t_s)))
+    waiting.add(offered(2, 0.5))
+    waiting.add(offered(2, 1.5))
+    order = [(next_.source, next_.t_s) for next_ in (waiting.pop() for _ in range(len(waiting)))]
+    assert order == [(0, 4.0), (2, 1.5), (0, 3.0), (2, 0.5), (0, 2.0), (0, 1.0), (0, 0.0)]
+    with pytest.raises(IndexError):
+        waiting.pop()
+
+
+def test_a_sensor_that_was_just_served_comes_last() -> None:
+    """Protects the order when new images keep coming: one that is never empty is not served twice."""
+    waiting = Waiting(2)
+    served = []
+    for n in range(6):
+        waiting.add(offered(0, float(n)))
+        if n % 2 == 0:
+            waiting.add(offered(1, float(n)))
+        served.append(waiting.pop().source)
+    assert served == [0, 1, 0, 1, 0, 1]
+
+
+def test_a_ring_gives_each_slot_once() -> None:
+    """Protects an image from being written over while it is read, and the ring from a slot that comes back twice."""
+    ring = SlotRing(get_context("spawn"), (4, 5), np.float32)
+    slots = [ring.take() for _ in range(SLOTS)]
+    assert sorted(slot for slot in slots if slot is not None) == list(range(SLOTS))
+    assert ring.take() is None
+    assert ring.in_use == SLOTS
+    ring.array(1)[...] = 7.0
+    assert np.all(ring.array(1) == 7.0)
+    assert not np.any(ring.array(0))
+    ring.give_back(1)
+    ring.give_back(1)
+    assert ring.in_use == SLOTS - 1
+    assert ring.take() == 1
+    ring.give_back_all()
+    assert ring.in_use == 0
+
+
+def test_every_offer_is_counted_once() -> None:
+    """Protects the numbers that say what was lost: in the map, lost and dropped add up over all processes."""
+    tally = Tally()
+    for _ in range(10):
+        tally.used("frames")
+    tally.used("scans")
+    tally.kept(frames=7, scans=1)
+    tally.used("frames")
+    assert tally.in_map("frames") == 11
+    assert tally.died(waiting=2) == 4
+    assert (tally.in_map("frames"), tally.in_map("scans"), tally.lost, tally.dropped) == (7, 1, 4, 2)
+    # The next one counts from zero, and what it says of itself must not reach what is safe.
+    tally.used("frames")
+    tally.kept(frames=0, scans=0)
+    assert tally.died(waiting=0) == 1
+    assert (tally.in_map("frames"), tally.lost) == (7, 5)
+
+
+def test_the_keeper_does_not_wait_for_the_disk() -> None:
+    """Protects the images from an SD card that takes a second: while it works, nobody waits; its error is kept."""
+    gate = threading.Event()
+    errors: list[OSError | None] = [OSError(errno.ENOSPC, "No space left on device"), OSError(errno.EIO, "bad"), None]
+
+    def keep() -> None:
+        assert gate.wait(10.0)
+        error = errors.pop(0)
+        if error is not None:
+            raise error
+
+    keeper = Keeper(keep)
+    busy = [keeper.busy]
+    keeper.begin()
+    busy.append(keeper.busy)
+    gate.set()
+    results = []
+    for _ in range(3):
+        keeper.wait()
+        busy.append(keeper.busy)
+        result = keeper.result()
+        results.append("" if result is None else told(result))
+        keeper.begin()
+    assert results == [
+        "disk full, in memory only: make room (No space left on device)",
+        "disk fails, in memory only: check it (bad)",
+        "",
+    ]
+    assert busy == [False, True, False, False, False]
+    # A list that is empty is no error of the disk: it has to be heard of.
+    keeper.wait()
+    with pytest.raises(IndexError):
+        keeper.result()
