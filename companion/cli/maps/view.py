@@ -32,11 +32,11 @@ def draw_picture(source: Path, picture: Path, *, overwrite: bool) -> None:
         raise InputError(f"{picture}: a picture is a .png")
     refuse_target(picture, [source], overwrite=overwrite)
     try:
-        from companion.ground.picture import write_picture
+        from companion.viewer.picture import write_picture
     except ModuleNotFoundError as error:
         raise _missing(error) from None
-    from companion.ground.trajectory import trajectories
-    from companion.ground.voxels import packed
+    from companion.viewer.trajectory import trajectories
+    from companion.viewer.voxels import packed
 
     place = map_at(source)
     with opened(source) as voxels, Progress("reading the map") as progress:
@@ -55,11 +55,11 @@ def show_in_browser(source: Path, host: str, port: int, most_points: int) -> Non
         CompanionError: the extra is not installed.
     """
     try:
-        from companion.ground.page import serve
+        from companion.viewer.page import serve
     except ModuleNotFoundError as error:
         raise _missing(error) from None
-    from companion.ground.trajectory import trajectories
-    from companion.ground.voxels import packed
+    from companion.viewer.trajectory import trajectories
+    from companion.viewer.voxels import packed
 
     place = map_at(source)
     with opened(source) as voxels, Progress("reading the map") as progress:

@@ -32,7 +32,7 @@ def test_a_missing_extra_is_named(run: Run, mission: Path, tmp_path: Path, monke
     for name in ("PIL", "viser"):
         monkeypatch.setitem(sys.modules, name, None)
     for module in ("page", "picture", "paper"):
-        monkeypatch.delitem(sys.modules, f"companion.ground.{module}", raising=False)
+        monkeypatch.delitem(sys.modules, f"companion.viewer.{module}", raising=False)
     for arguments in ((mission,), (mission, "--picture", tmp_path / "a.png")):
         code, _, errors = run("view", *arguments)
         assert code == 1
@@ -50,6 +50,6 @@ def test_the_address_can_be_typed_into_a_browser(
     """Protects whoever opens the map from another machine: 0.0.0.0 is listened at, but leads nowhere."""
     pytest.importorskip("viser", reason="pip install mine-companion[ground]")
     page = SimpleNamespace(port=8080, note="", wait=lambda: None)
-    monkeypatch.setattr("companion.ground.page.serve", lambda *_: nullcontext(page))
+    monkeypatch.setattr("companion.viewer.page.serve", lambda *_: nullcontext(page))
     look.show_in_browser(mission, host, 8080, 1000)
     assert capsys.readouterr().out == f"{mission}: open http://{typed}:8080; Ctrl-C ends it\n"

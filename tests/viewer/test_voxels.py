@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from companion.ground.voxels import State
-from tests.ground.maps import nothing, tunnel
+from companion.viewer.voxels import State
+from tests.viewer.maps import nothing, tunnel
 
 
 def coordinates(state: State, level: int = 0) -> set[tuple[int, ...]]:

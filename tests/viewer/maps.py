@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.ground.voxels import PackedVoxels, packed
 from companion.mapping.voxels.chunks import NOTHING, OFFSETS
 from companion.mapping.voxels.piece import MapPiece
+from companion.viewer.voxels import PackedVoxels, packed
 from tests.mapping.files.test_facts import Held
 
 VOXEL_M, THRESHOLD = 0.1, 847

@@ -1,4 +1,4 @@
-"""The operator's side: looking at maps, in a browser and as a picture.
+"""Looking at maps, in a browser and as pictures.
 
 It needs the extra `ground`, which is not for the vehicle's computer.
 """

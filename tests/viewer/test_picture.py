@@ -13,10 +13,10 @@ pytest.importorskip("PIL", reason="pip install mine-companion[ground]")
 
 from PIL import Image
 
-from companion.ground.paper import TEXT_PX, Axis, Paper, number, round_step, text_width, ticks_in_a_row
-from companion.ground.picture import SECTION_PX, write_picture
-from companion.ground.voxels import PackedVoxels
-from tests.ground.maps import nothing, tunnel
+from companion.viewer.canvas import TEXT_PX, Axis, Paper, number, round_step, text_width, ticks_in_a_row
+from companion.viewer.picture import SECTION_PX, write_picture
+from companion.viewer.voxels import PackedVoxels
+from tests.viewer.maps import nothing, tunnel
 
 FREE_COLOUR, PAPER_COLOUR = (222, 233, 241), (255, 255, 255)
 

@@ -20,12 +20,12 @@ pytest.importorskip("viser", reason="pip install mine-companion[ground]")
 from companion.cli import main as cli
 from companion.config.mapping import MapSettings
 from companion.errors import InputError
-from companion.ground.page import MOST_LAYERS, Page, cloud, serve
-from companion.ground.voxels import PackedVoxels, State
 from companion.mapping.journal import Header, Journal
 from companion.mapping.voxels.chunks import OFFSETS
 from companion.mapping.voxels.piece import MapPiece
-from tests.ground.maps import nothing, tunnel
+from companion.viewer.page import MOST_LAYERS, Page, cloud, serve
+from companion.viewer.voxels import PackedVoxels, State
+from tests.viewer.maps import nothing, tunnel
 
 
 def free_port() -> int:

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from companion.ground.paper import FAINT, MARK, TITLE_PX, Axis, Paper, text_width
-from companion.ground.voxels import PIECE, PackedVoxels, State
 from companion.mapping.files.colours import viridis
 from companion.mapping.files.export import Progress, silent
 from companion.mapping.files.whole import whole_file
 from companion.mapping.voxels.chunks import SHIFT
 from companion.model import FloatArray
+from companion.viewer.canvas import FAINT, MARK, TITLE_PX, Axis, Paper, text_width
+from companion.viewer.voxels import PIECE, PackedVoxels, State
 
 PLAN_PX = 1300, 850
 """Most that the plan takes, in width and height; it takes all of one of them."""

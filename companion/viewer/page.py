@@ -19,9 +19,9 @@ import viser
 from numpy.typing import NDArray
 
 from companion.errors import InputError
-from companion.ground.voxels import PackedVoxels, State
 from companion.mapping.files.colours import viridis
 from companion.model import FloatArray
+from companion.viewer.voxels import PackedVoxels, State
 
 MOST_LAYERS = 48
 _COARSEST = 4
