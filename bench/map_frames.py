@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from companion.config.mapping import MapSettings
 from companion.geometry import camera_to_world, pixel_tangents
 from companion.model import Camera, DepthFrame, Pose
-from sitl.raycast import RayCaster
-from sitl.render import DepthRenderer
-from sitl.worlds import World, load_world
+from sitl.mines import World, load_world
+from sitl.scene.raycast import RayCaster
+from sitl.scene.render import DepthRenderer
 
 RANGE_M = 10.0
 """Of the camera and of every map."""

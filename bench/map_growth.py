@@ -28,8 +28,8 @@ from companion.mapping import VoxelMap
 from companion.mapping.journal import Header, Journal
 from companion.mapping.journal.paging import PagedMap
 from companion.model import Camera, DepthFrame, Pose
-from sitl.render import DepthRenderer
-from sitl.worlds import World
+from sitl.mines import World
+from sitl.scene.render import DepthRenderer
 
 PERIOD_M, STEP_M, BEND_M = 50.0, 0.5, 3.0
 WIDTH_M, HEIGHT_M, ROUGH_M = 4.0, 3.0, 0.08

@@ -55,7 +55,7 @@ from companion.errors import CompanionError
 from companion.flight.launch import module, sealed
 from companion.recording.flight_stats import figures
 from companion.safety_case.gate_plan import to_plan
-from sitl.together.crew import Crew, FlightPlan, environment, free_udp_ports
+from sitl.launch.processes import Crew, FlightPlan, environment, free_udp_ports
 
 SETTLE_S = 3.0
 """After the words "exploring": the last of the take-off does not count."""

@@ -51,16 +51,16 @@ from companion.errors import CompanionError
 from companion.geometry import camera_to_world
 from companion.mapping import FREE, VoxelMap
 from companion.model import DepthFrame, Pose
-from sitl.flight import Flight
-from sitl.raycast import RayCaster
-from sitl.render import DepthRenderer
+from sitl.mines import World, load_world
+from sitl.mines.mesh import SUFFIXES
 from sitl.scene.map_metrics import accuracy_m, precision
-from sitl.sensors import SensorRig
-from sitl.simulation import start_poses
-from sitl.surface import Array, Points, Surroundings, surface_samples
-from sitl.truth import visible_samples
-from sitl.worlds import World, load_world
-from sitl.worlds.mesh import SUFFIXES
+from sitl.scene.raycast import RayCaster
+from sitl.scene.render import DepthRenderer
+from sitl.scene.sensors import SensorRig
+from sitl.scene.surface import Array, Points, Surroundings, surface_samples
+from sitl.scene.visibility import visible_samples
+from sitl.sim.flight import Flight
+from sitl.sim.simulation import start_poses
 
 WORLDS_VARIABLE = "BENCH_WORLDS"
 QUICK_WORLD, QUICK_S = "room", 60.0

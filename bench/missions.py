@@ -22,8 +22,8 @@ WORLDS = ("complex", "slope", "room", "random:1", "random:2", "random:3")
 def mission(world: str, seed: int, preset: str, vehicles: int, limit_s: float, camera: tuple[int, int, float]) -> Row:
     """Fly one mission and return its summary."""
     from companion.config.load import load_settings
-    from sitl.simulation import Simulation
-    from sitl.worlds import load_world
+    from sitl.mines import load_world
+    from sitl.sim.simulation import Simulation
 
     settings = load_settings(None, preset)
     width_px, height_px, rate_hz = camera

@@ -15,9 +15,9 @@ import numpy as np
 
 from companion.geometry import camera_to_world
 from companion.model import Camera, Pose
-from sitl.raycast import RayCaster
-from sitl.render import DepthRenderer
-from sitl.worlds import World, load_world
+from sitl.mines import World, load_world
+from sitl.scene.raycast import RayCaster
+from sitl.scene.render import DepthRenderer
 
 WORLDS = ("complex", "slope", "room", "random:1")
 SIZES_PX = ((160, 120), (640, 480))

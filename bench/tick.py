@@ -16,12 +16,12 @@ from companion.control import Navigator
 from companion.model import Observation
 from companion.perception import Extractor
 from companion.pipeline import law_parameters
-from sitl.raycast import RayCaster
-from sitl.render import DepthRenderer
-from sitl.sensors import SensorRig
-from sitl.simulation import start_poses
-from sitl.vehicle import Vehicle
-from sitl.worlds import load_world
+from sitl.mines import load_world
+from sitl.scene.raycast import RayCaster
+from sitl.scene.render import DepthRenderer
+from sitl.scene.sensors import SensorRig
+from sitl.sim.simulation import start_poses
+from sitl.sim.vehicle import Vehicle
 
 TICKS = 2000
 SIZES = ((160, 120), (320, 240), (640, 480))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import typer
 
 from sitl.autopilot.cli import autopilot
-from sitl.beside.cli import world
-from sitl.together.cli import fly
+from sitl.launch.cli import fly
+from sitl.world.cli import world
 
 app = typer.Typer(
     no_args_is_help=True,

@@ -26,8 +26,8 @@ from ruamel.yaml import YAML
 
 from companion.config.load import load_settings
 from companion.config.show import dump_yaml
-from sitl.beside.wire import TruthUrl
-from sitl.together.settings import OF_PERSONALITY, write_settings
+from sitl.launch.settings import OF_PERSONALITY, write_settings
+from sitl.world.connection import TruthUrl
 
 ROOT = Path(__file__).parent.parent
 DOCKER = ROOT / "docker"
@@ -316,7 +316,7 @@ def test_builds_do_not_see(path: str) -> None:
     assert ignored(path)
 
 
-@pytest.mark.parametrize("path", ["companion/cli/main.py", "sitl/worlds/plan.py", "uv.lock", "docker/settle"])
+@pytest.mark.parametrize("path", ["companion/cli/main.py", "sitl/mines/plan.py", "uv.lock", "docker/settle"])
 def test_builds_see(path: str) -> None:
     assert not ignored(path)
 

@@ -60,7 +60,9 @@ def load(file: Path | None = None, preset: str | None = None) -> Loaded:
         source.refuse(("preset",), _unknown_preset(own_preset))
         own_preset = None  # the rest of the file is still checked, over another preset
     name = preset or own_preset or DEFAULT_PRESET
-    below = Source(f"preset {name}", (files("companion.config") / "presets" / f"{name}.yaml").read_text(encoding="utf-8"))
+    below = Source(
+        f"preset {name}", (files("companion.config") / "presets" / f"{name}.yaml").read_text(encoding="utf-8")
+    )
 
     merged = merge(below.data, _without_empty_sections(source.data, Settings))
     try:

@@ -1,6 +1,6 @@
 """How the true vehicle moves under an autopilot that tracks velocities.
 
-Not `sitl.vehicle.Vehicle`: that one follows body setpoints only, while an autopilot also keeps an earth velocity
+Not `sitl.sim.vehicle.Vehicle`: that one follows body setpoints only, while an autopilot also keeps an earth velocity
 through a turn, flies sideways out of the way of an obstacle, stands on the ground and falls on it.
 """
 

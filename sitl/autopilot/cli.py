@@ -164,7 +164,7 @@ def _place(
     # Only those who want a mine wait for what it needs.
     from companion.config.load import load_settings
     from sitl.autopilot.surroundings import inside
-    from sitl.beside.place import Scene
+    from sitl.world.placement import Scene
 
     settings = load_settings(config, preset)
     scene = Scene.load(world, seed, start, settings)

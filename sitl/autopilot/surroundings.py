@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:  # level ground needs no worlds, which take a second to import
-    from sitl.raycast import RayCaster
+    from sitl.scene.raycast import RayCaster
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from sitl.report.data import ReportData
 from sitl.report.text import UNKNOWN, minutes, number, seconds, shown
-from sitl.simulation import COMPLETE_SHARE
+from sitl.sim.simulation import COMPLETE_SHARE
 
 
 class State(enum.StrEnum):

@@ -8,7 +8,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-from sitl.flight_log import MODES, FlightLog
 from sitl.report.data import Array, ReportData
 from sitl.report.style import (
     CRITICAL,
@@ -24,7 +23,8 @@ from sitl.report.style import (
 )
 from sitl.report.text import number
 from sitl.report.thin import stretches, thinned
-from sitl.simulation import COMPLETE_SHARE
+from sitl.sim.flight_log import MODES, FlightLog
+from sitl.sim.simulation import COMPLETE_SHARE
 
 _BINS = 1000
 _BIN_M = 0.05

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl.flight_log import FlightLog
+from sitl.sim.flight_log import FlightLog
 
 Array = NDArray[np.float64]
 Points = NDArray[np.floating]

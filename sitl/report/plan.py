@@ -11,7 +11,6 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from sitl.flight_log import MODES, FlightLog
 from sitl.report.data import Array, ReportData
 from sitl.report.mine import Plan, mine_plan
 from sitl.report.style import (
@@ -29,6 +28,7 @@ from sitl.report.style import (
     vehicle_colour,
 )
 from sitl.report.thin import stretches
+from sitl.sim.flight_log import MODES, FlightLog
 
 
 def overview_png(data: ReportData) -> bytes:

@@ -24,7 +24,7 @@ from companion.config.autopilot import AutopilotSettings
 from companion.config.settings import Settings
 from companion.flight.tasks import background
 from companion.model import Setpoint
-from sitl.together.crew import command, environment, free_udp_ports
+from sitl.launch.processes import command, environment, free_udp_ports
 from tests.integration.relay import LOOPBACK, UdpRelay
 from tests.integration.witness import Witness
 

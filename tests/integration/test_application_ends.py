@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from sitl.together.crew import command, free_udp_ports
+from sitl.launch.processes import command, free_udp_ports
 from tests.integration.relay import LOOPBACK
 from tests.integration.rig import PERSONALITIES, PILOTS_MODE, Stub, process, take_over
 from tests.integration.whole import family, flown

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from sitl.together.crew import command, environment, free_udp_ports
+from sitl.launch.processes import command, environment, free_udp_ports
 from tests.integration.relay import LOOPBACK
 from tests.integration.rig import BOOT_S, SILENCE, process, wait_for_words
 

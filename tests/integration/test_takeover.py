@@ -11,7 +11,7 @@ import pytest
 from companion.autopilot.interface import LinkError
 from companion.autopilot.vehicle import TakenOver
 from sitl.autopilot.mavlink import dialect as m
-from sitl.together.crew import free_udp_ports
+from sitl.launch.processes import free_udp_ports
 from tests.integration.relay import UdpRelay
 from tests.integration.rig import HEIGHT_M, PERSONALITIES, PILOTS_MODE, Stub, aboard
 from tests.integration.witness import Witness

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from sitl.together.crew import Crew, FlightPlan
+from sitl.launch.processes import Crew, FlightPlan
 from tests.integration.rig import BOOT_S, process, wait_for_words
 from tests.integration.witness import Witness
 

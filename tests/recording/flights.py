@@ -26,11 +26,11 @@ from companion.model import (
 )
 from companion.pipeline import Explorer
 from companion.recording import FlightInfo, Recorder, Tick
-from sitl.raycast import RayCaster
-from sitl.render import DepthRenderer
-from sitl.sensors import SensorRig
-from sitl.vehicle import Vehicle
-from sitl.worlds import load_world
+from sitl.mines import load_world
+from sitl.scene.raycast import RayCaster
+from sitl.scene.render import DepthRenderer
+from sitl.scene.sensors import SensorRig
+from sitl.sim.vehicle import Vehicle
 
 SETTINGS = Settings(
     sensors=SensorSettings(

@@ -10,8 +10,8 @@ from companion.model import Pose
 from sitl.autopilot import ARDUPILOT, PX4, Personality
 from sitl.autopilot.mavlink import dialect as m
 from sitl.autopilot.surroundings import Surroundings, inside
-from sitl.raycast import RayCaster
-from sitl.worlds import load_world
+from sitl.mines import load_world
+from sitl.scene.raycast import RayCaster
 from tests.sitl.autopilot.rig import Rig, flying, travelled
 
 BOTH = pytest.mark.parametrize("personality", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])

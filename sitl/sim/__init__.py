@@ -1,0 +1,1 @@
+"""A mission faster than real time: the vehicle, its sensors and the same navigator, without MAVLink."""

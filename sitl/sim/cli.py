@@ -1,0 +1,86 @@
+"""The command `companion sim`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from companion.config.load import load
+from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
+from sitl.mines import load_world
+from sitl.report.run_folder import default_folder, new_folder, write_run
+from sitl.sim.display import Display, clock
+from sitl.sim.simulation import Simulation
+
+
+class MissionFailedError(CompanionError):
+    """The mission did not end as it should: the map is not complete, or a wall was touched."""
+
+
+def simulate(
+    world: Annotated[
+        str, typer.Option(metavar="NAME|MESH", help="complex, slope, room, random, random:K, or a mesh file.")
+    ] = "complex",
+    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Draws start, noise and every choice.")] = 1,
+    preset: Annotated[str | None, typer.Option(metavar="NAME", help="flight, table_i or table_ii.")] = None,
+    config: Annotated[Path | None, typer.Option(metavar="FILE", help="YAML file with settings.")] = None,
+    time_limit: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Simulated time; else sim.time_limit_s.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="New folder; else one under runs/.")] = None,
+    vehicles: Annotated[int, typer.Option(min=1, metavar="N", help="How many fly in the mine.")] = 1,
+    start: Annotated[
+        tuple[float, float, float, float] | None,
+        typer.Option(metavar="X Y Z YAW", help="Start pose, in m and rad, instead of the world's own."),
+    ] = None,
+) -> None:
+    """Fly a mission in a simulated mine and bring home its map.
+
+    Writes the map, the trajectory, summary.json and report.html into a new folder. The exit code is 0 when the map is
+    complete, 1 when the mission ended otherwise, 2 for wrong input, 130 after Ctrl-C.
+    """
+    console = Console()
+    loaded = load(config, preset)
+    settings = loaded.settings
+    limit_s = settings.sim.time_limit_s if time_limit is None else time_limit
+    if not 0.0 < limit_s < float("inf"):
+        raise InputError(f"--time-limit {limit_s:g}: must be a time above 0, in s")
+    if vehicles > settings.fleet.largest_group:
+        raise InputError(
+            f"--vehicles {vehicles}: fleet.largest_group = {settings.fleet.largest_group} is the most that the height "
+            "layers have room for; allow more there, with control.vertical_margin_m small enough"
+        )
+    target = default_folder(world, seed) if out is None else out
+    with new_folder(target) as folder:
+        with console.status("preparing the mine (the very first flight compiles the fast parts, about a minute)"):
+            mine = load_world(world, seed, start)
+            simulation = Simulation(mine, settings, seed, vehicles)
+        console.print(f"{mine.name}: {mine.description}", highlight=False)
+        with Display(console) as display:
+            simulation.run(limit_s, display)
+        with console.status("writing map and report"):
+            summary = write_run(folder, simulation, loaded.preset, config)
+    _say_result(console, simulation, summary, target)
+    if simulation.ended_because == "stopped by the user":
+        raise typer.Exit(EXIT_INTERRUPTED)
+    if simulation.ended_because != "complete":
+        raise MissionFailedError(
+            f"the mission ended because of: {simulation.ended_because}; the map holds {simulation.completeness:.1%} of "
+            f"what can be seen"
+        )
+
+
+def _say_result(console: Console, simulation: Simulation, summary: dict[str, object], folder: Path) -> None:
+    lines = [
+        f"ended: {simulation.ended_because} after {clock(simulation.t_s)} simulated, "
+        f"{simulation.wall_time_s:.0f} s of waiting",
+        f"map: {simulation.completeness:.2%} of what can be seen, "
+        f"{summary['occupied_voxels']} voxels of {summary['voxel_m']} m",
+        f"least distance to a wall: {summary['least_d_m']} m, contacts: {summary['contacts']}",
+        f"look at: {folder / 'report.html'}",
+    ]
+    for line in lines:
+        console.print(line, highlight=False, soft_wrap=True)

@@ -1,0 +1,104 @@
+"""One simulated vehicle with everything that flies it: the same tick as on the real one."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from companion.config.settings import Settings
+from companion.control.fleet import Fleet, Report
+from companion.mapping import VoxelMap
+from companion.model import Measurement, Pose
+from companion.pipeline import Explorer
+from sitl.mines import World
+from sitl.scene.raycast import RayCaster
+from sitl.scene.render import DepthRenderer
+from sitl.scene.sensors import SensorRig
+from sitl.sim.flight_log import FlightLog
+from sitl.sim.vehicle import Vehicle
+
+
+class Flight:
+    """A vehicle, its sensors, its navigator and its map.
+
+    Args:
+        vehicle_id: its number in the fleet, from 1.
+        world: the mine.
+        caster: rays in the mine, which may be shared by vehicles.
+        settings: the whole configuration.
+        start: the true pose at time 0.
+        seed: draws everything that is random in this flight.
+    """
+
+    def __init__(
+        self,
+        vehicle_id: int,
+        world: World,
+        caster: RayCaster,
+        settings: Settings,
+        start: Pose,
+        seed: np.random.SeedSequence,
+    ) -> None:
+        to_vehicle, to_sensors, to_navigator = seed.spawn(3)
+        camera = settings.sensors.camera.model()
+        self.vehicle = Vehicle(settings.sim.dynamics, start, np.random.default_rng(to_vehicle))
+        self._explorer = Explorer(settings, np.random.default_rng(to_navigator))
+        self.navigator = self._explorer.navigator
+        self.map = VoxelMap(settings.mapping)
+        self.log = FlightLog(vehicle_id)
+        self.fleet = Fleet(settings.fleet, vehicle_id)
+        self.measurement: Measurement | None = None
+        self.touched = False
+        self.blind_s = 0.0
+        """Time since all inputs were last fresh."""
+        self._rig = SensorRig(
+            settings.sensors,
+            settings.sim.noise,
+            caster,
+            DepthRenderer(world, camera),
+            np.random.default_rng(to_sensors),
+        )
+        self._caster = caster
+        self._body_radius_m = settings.vehicle.body_radius_m
+        self._alone_m = settings.control.height_m
+        self._free_until_path_m = 0.0
+
+    def tick(self, dt_s: float, fleet: bool) -> None:
+        """One sampling period: observe, measure, step the navigator, send the setpoint, fly on.
+
+        Args:
+            dt_s: the sampling period.
+            fleet: whether other vehicles are about, so that (11) applies.
+        """
+        true = self.vehicle.pose
+        observation = self._rig.observe(true)
+        if fleet:
+            self.navigator.height_m = self.fleet.height_m(true.t_s, self._alone_m)
+        steering = self._explorer.step(observation)
+        measurement, setpoint = steering.measurement, steering.setpoint
+        if observation.frame is not None:
+            self.map.integrate(observation.frame)
+        self.log.append(
+            true, observation.pose, measurement, self.navigator.status.mode, setpoint, self.vehicle.forward_mps
+        )
+        self.measurement = measurement
+        self.blind_s = self.blind_s + dt_s if measurement.missing else 0.0
+        self.vehicle.command(setpoint)
+        self.vehicle.step(dt_s)
+        self._check_contact()
+
+    def report(self) -> Report:
+        """Where the vehicle tells the others that it is."""
+        pose = self.vehicle.pose
+        return Report(pose.t_s, pose.x_m, pose.y_m, pose.z_m)
+
+    def _check_contact(self) -> None:
+        # A body that was D clear cannot touch before it has flown D: most ticks need no query.
+        if self.vehicle.path_m < self._free_until_path_m:
+            return
+        pose = self.vehicle.pose
+        distance_m = float(self._caster.distance(np.array([[pose.x_m, pose.y_m, pose.z_m]]))[0])
+        clear_m = distance_m - self._body_radius_m
+        self.touched = not math.isfinite(clear_m) or clear_m <= 0.0
+        self._free_until_path_m = self.vehicle.path_m + max(clear_m, 0.0)

@@ -1,0 +1,287 @@
+"""A mission in the simulated mine, as fast as the machine allows."""
+
+from __future__ import annotations
+
+import math
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import version
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.config.settings import Settings
+from companion.errors import InputError
+from companion.mapping import VoxelMap
+from companion.model import Pose
+from sitl.mines import World
+from sitl.scene.map_metrics import accuracy_m, precision
+from sitl.scene.raycast import RayCaster
+from sitl.scene.visibility import Truth, horizontal_clearance
+from sitl.sim.flight import Flight
+from sitl.sim.start import check_start
+
+COMPLETE_SHARE = 0.99
+"""The map counts as complete when this share of what is visible is in it (METHOD: t_f)."""
+
+CHECK_PERIOD_S = 5.0
+"""Simulated time between two looks at the completeness."""
+
+SURFACE_STEP_M = 0.25
+"""Grid of the traveling surface: drifts that are 0.4 m wider than twice d_s are still found passable on it."""
+
+SCORED_PERIOD_S = 0.1
+"""The true distance to the walls is taken this often: every 5 cm of the way at 0.5 m/s."""
+
+VERSIONS = ("mine-companion", "numpy", "numba", "open3d-cpu", "open3d")
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How a mission stands."""
+
+    t_s: float
+    completeness: float
+    flights: tuple[Flight, ...]
+
+
+class Simulation:
+    """One mission: a world, one or several vehicles, an end.
+
+    Args:
+        world: the mine.
+        settings: the whole configuration.
+        seed: draws start, sensors, noise and the choices of every vehicle.
+        vehicles: how many fly.
+
+    Raises:
+        InputError: the start is inside a wall, or there is no room for the vehicles to start.
+    """
+
+    def __init__(self, world: World, settings: Settings, seed: int, vehicles: int = 1) -> None:
+        self.world = world
+        self.settings = settings
+        self.seed = seed
+        self.caster = RayCaster(world)
+        to_start, *to_flights = np.random.SeedSequence(seed).spawn(1 + vehicles)
+        starts = start_poses(world, self.caster, settings, vehicles, np.random.default_rng(to_start))
+        first = starts[0]
+        self.truth = Truth.of(
+            world,
+            self.caster,
+            (first.x_m, first.y_m, first.z_m),
+            settings.control.height_m,
+            settings.control.margin_m,
+            settings.mapping.voxel_m,
+            settings.mapping.max_range_m,
+            step_m=SURFACE_STEP_M,
+            start_margin_m=settings.control.critical_margin_m,
+        )
+        self.flights = tuple(
+            Flight(number, world, self.caster, settings, start, flight_seed)
+            for number, (start, flight_seed) in enumerate(zip(starts, to_flights, strict=True), start=1)
+        )
+        self.t_s = 0.0
+        self.completed_at_s: float | None = None
+        self.ended_because = ""
+        self.wall_time_s = 0.0
+        self.completeness = 0.0
+        self.progress: list[tuple[float, float]] = []
+        self.least_apart_m = math.inf
+        self._found = np.zeros(len(self.truth.samples_m), np.bool_)
+        self._next_check_s = 0.0
+
+    def run(self, time_limit_s: float, show: Callable[[Progress], None] | None = None) -> None:
+        """Fly until the map is complete, a vehicle touches something or misses inputs for long, or the time is up.
+
+        Args:
+            time_limit_s: simulated time, in s.
+            show: called at every look at the completeness.
+        """
+        began = time.perf_counter()
+        dt_s = self.settings.control.period_s
+        try:
+            while not self.ended_because:
+                if self.t_s >= self._next_check_s:
+                    self._check()
+                    if show is not None:
+                        show(Progress(self.t_s, self.completeness, self.flights))
+                    if self.completed_at_s is not None:
+                        self.ended_because = "complete"
+                        break
+                self._tick(dt_s)
+                if any(flight.touched for flight in self.flights):
+                    self.ended_because = "contact"
+                elif any(flight.blind_s > self.settings.mission.input_timeout_s for flight in self.flights):
+                    # As in a real flight: over a hole without ground it would hover until something pushes it.
+                    self.ended_because = "inputs lost"
+                elif self.t_s >= time_limit_s:
+                    self.ended_because = "time limit"
+        except KeyboardInterrupt:
+            self.ended_because = "stopped by the user"
+        self.wall_time_s = time.perf_counter() - began
+        self.completeness = self._exact_completeness()
+        self.progress.append((self.t_s, self.completeness))
+
+    def merged_map(self) -> VoxelMap:
+        """V: the union of what every vehicle has mapped (paper eq. (5))."""
+        if len(self.flights) == 1:
+            return self.flights[0].map
+        merged = VoxelMap(self.settings.mapping)
+        for flight in self.flights:
+            merged.merge(flight.map)
+        return merged
+
+    def score(self) -> dict[str, object]:
+        """The figures of `summary.json`; also fills in the true distances of the logs."""
+        voxels = self.merged_map()
+        occupied = voxels.occupied()
+        off_m = self.caster.distance(occupied) if len(occupied) else np.zeros(0)
+        true_d = np.concatenate([self._true_distances(flight) for flight in self.flights])
+        margin_m = self.settings.control.margin_m
+        states = [flight.navigator.status for flight in self.flights]
+        sim_time_s = round(self.t_s, 3)
+        return {
+            "world": self.world.name,
+            "seed": self.seed,
+            "vehicles": len(self.flights),
+            "completeness": _rounded(self.completeness, 5),
+            "precision": _rounded(precision(off_m, voxels.voxel_m), 5),
+            "accuracy_m": _rounded(accuracy_m(off_m), 4),
+            "completed_at_s": None if self.completed_at_s is None else round(self.completed_at_s, 2),
+            "sim_time_s": sim_time_s,
+            "wall_time_s": round(self.wall_time_s, 2),
+            "times_real_time": round(sim_time_s / self.wall_time_s, 2) if self.wall_time_s > 0.0 else None,
+            "path_length_m": round(sum(flight.vehicle.path_m for flight in self.flights), 2),
+            "contacts": sum(flight.touched for flight in self.flights),
+            "least_d_m": _rounded(float(np.min(true_d, initial=math.inf)), 3),
+            "time_below_d_s_fraction": _rounded(_mean(true_d < margin_m), 5),
+            "time_below_d_s_minus_15cm_fraction": _rounded(_mean(true_d < margin_m - 0.15), 5),
+            "least_distance_between_vehicles_m": _rounded(self.least_apart_m, 3),
+            "mode_changes": sum(state.mode_changes for state in states),
+            "draws": sum(state.draws for state in states),
+            "draws_accepted": sum(state.accepted for state in states),
+            "extensions": sum(state.extensions for state in states),
+            "occupied_voxels": len(occupied),
+            "voxel_m": voxels.voxel_m,
+            "visible_share_of_surface": _rounded(self.truth.area_share_visible, 4),
+            "camera": f"{self.settings.sensors.camera.width_px} x {self.settings.sensors.camera.height_px} at "
+            f"{self.settings.sensors.camera.rate_hz:g} Hz",
+            "ended_because": self.ended_because,
+            "versions": _versions(),
+        }
+
+    def missed_m(self) -> NDArray[np.float32]:
+        """The (n, 3) visible points of the true surface that are not in the map, as of the end of `run`."""
+        missed: NDArray[np.float32] = self.truth.samples_m[~self._found]
+        return missed
+
+    def _tick(self, dt_s: float) -> None:
+        several = len(self.flights) > 1
+        if several:
+            self._exchange()
+        for flight in self.flights:
+            flight.tick(dt_s, fleet=several)
+        self.t_s = self.flights[0].vehicle.pose.t_s
+
+    def _exchange(self) -> None:
+        """Every vehicle hears of all others, and the distances between them are watched."""
+        reports = [(flight.log.vehicle_id, flight.report()) for flight in self.flights]
+        for flight in self.flights:
+            for number, report in reports:
+                flight.fleet.heard(number, report)
+        for i, (_, a) in enumerate(reports):
+            for _, b in reports[i + 1 :]:
+                apart_m = math.dist((a.x_m, a.y_m, a.z_m), (b.x_m, b.y_m, b.z_m))
+                self.least_apart_m = min(self.least_apart_m, apart_m)
+
+    def _check(self) -> None:
+        """Look at the completeness: only at what had not been found, until that says it is complete."""
+        self._next_check_s = self.t_s + CHECK_PERIOD_S - 1e-6
+        for flight in self.flights:
+            open_points = np.flatnonzero(~self._found)
+            self._found[open_points] = flight.map.occupied_near(self.truth.samples_m[open_points])
+        self.completeness = self._found_share()
+        if self.completeness >= COMPLETE_SHARE:
+            # A voxel that was occupied may have been carved away since: what counts is the map as it is.
+            self.completeness = self._exact_completeness()
+            if self.completeness >= COMPLETE_SHARE:
+                self.completed_at_s = self.t_s
+        self.progress.append((self.t_s, self.completeness))
+
+    def _exact_completeness(self) -> float:
+        self._found = self.merged_map().occupied_near(self.truth.samples_m)
+        return self._found_share()
+
+    def _found_share(self) -> float:
+        """Share of the visible surface, by area: a voxel that a slanted wall only grazes holds little of it."""
+        areas = self.truth.sample_areas_m2.astype(np.float64)
+        return float(areas[self._found].sum() / areas.sum()) if areas.size else 0.0
+
+    def _true_distances(self, flight: Flight) -> NDArray[np.float64]:
+        """The true least horizontal distance from the centre of the vehicle, over the height of the body."""
+        every = max(1, round(SCORED_PERIOD_S / self.settings.control.period_s))
+        positions = flight.log.positions_m[::every]
+        half_height_m = self.settings.vehicle.body_height_m / 2.0
+        distances = np.asarray(horizontal_clearance(self.caster, positions, half_height_m), np.float64)
+        flight.log.column("true_d_m")[::every] = distances
+        return distances
+
+
+def start_poses(
+    world: World, caster: RayCaster, settings: Settings, vehicles: int, rng: np.random.Generator
+) -> list[Pose]:
+    """Where the vehicles are after take-off: a world's own start, or drawn from where there is room for d_s.
+
+    Several vehicles start side by side along the drift, at least two margins apart.
+
+    Raises:
+        InputError: the start is inside a wall, or there is no room.
+    """
+    height_m, margin_m = settings.control.height_m, settings.control.margin_m
+    if world.start is not None:
+        check_start(world, caster, world.start, settings.vehicle.body_radius_m)
+        if vehicles > 1:
+            raise InputError(
+                f"world {world.name} has one start pose, which {vehicles} vehicles cannot share: fly several in a "
+                "generated world (complex, slope, room, random)"
+            )
+        return [world.start]
+    points = world.start_area_m + np.array([0.0, 0.0, height_m])
+    points = points[horizontal_clearance(caster, points, settings.vehicle.body_height_m / 2.0) >= margin_m]
+    if len(points) == 0:
+        raise InputError(
+            f"world {world.name} has no place with control.margin_m = {margin_m:g} m to every wall at "
+            f"control.height_m = {height_m:g} m: a smaller margin is needed"
+        )
+    poses: list[Pose] = []
+    first = points[rng.integers(len(points))]
+    order = np.argsort(np.linalg.norm(points - first, axis=1), kind="stable")
+    for point in points[order]:
+        apart = [math.dist(point, (pose.x_m, pose.y_m, pose.z_m)) for pose in poses]
+        if min(apart, default=math.inf) >= 2.0 * margin_m:
+            yaw_rad = float(rng.uniform(-math.pi, math.pi))
+            poses.append(Pose(0.0, float(point[0]), float(point[1]), float(point[2]), yaw_rad))
+        if len(poses) == vehicles:
+            return poses
+    raise InputError(f"world {world.name} has no room for {vehicles} vehicles to start")
+
+
+def _mean(values: NDArray[np.bool_]) -> float:
+    return float(np.mean(values)) if values.size else math.nan
+
+
+def _rounded(value: float, digits: int) -> float | None:
+    return round(value, digits) if math.isfinite(value) else None
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version()}
+    for name in VERSIONS:
+        try:
+            found[name] = version(name)
+        except ModuleNotFoundError:  # PackageNotFoundError: of open3d's two names only one is installed
+            continue
+    return found

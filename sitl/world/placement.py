@@ -1,0 +1,110 @@
+"""From where the simulator thinks the vehicle is to where that is in the mine."""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from companion.config.settings import Settings
+from companion.errors import InputError
+from companion.frames import NedPose, pose_from_ned
+from companion.model import Pose, wrap_rad
+from sitl.mines import World, load_world
+from sitl.mines.mesh import Start
+from sitl.scene.raycast import RayCaster
+from sitl.sim.simulation import start_poses
+
+log = logging.getLogger(__name__)
+
+JUMP_M, JUMP_MPS = 3.0, 5.0
+"""Truth that moves by more than this, and faster than this, has not flown there: the simulator was started anew."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """A mine and where the vehicle stands in it before it takes off.
+
+    Attributes:
+        stand: the pose on the floor, the body's underside touching it; level.
+    """
+
+    world: World
+    caster: RayCaster
+    stand: Pose
+
+    @classmethod
+    def load(cls, spec: str, seed: int, start: Start | None, settings: Settings, vehicle: int = 1) -> Scene:
+        """Loads a world and chooses the start as `companion sim` does with the same seed.
+
+        Args:
+            spec: the world, as for `load_world`.
+            seed: draws the world where it is drawn, and the start.
+            start: x, y, z in m and yaw in rad of the hovering vehicle; it stands on the floor below.
+            settings: the whole configuration.
+            vehicle: which one of several that start side by side, from 1.
+
+        Raises:
+            InputError: no such world, no room to start, or no floor under it.
+        """
+        world = load_world(spec, seed, start)
+        caster = RayCaster(world)
+        to_start = np.random.SeedSequence(seed).spawn(1)[0]
+        hover = start_poses(world, caster, settings, vehicle, np.random.default_rng(to_start))[vehicle - 1]
+        floor_m = hover.z_m - float(caster.cast(np.array([hover.x_m, hover.y_m, hover.z_m]), np.array([0, 0, -1.0]))[0])
+        if not math.isfinite(floor_m):
+            raise InputError(f"start ({hover.x_m:.2f}, {hover.y_m:.2f}) in world {world.name}: no floor below it")
+        stand_m = floor_m + settings.vehicle.body_height_m / 2.0
+        return cls(world, caster, Pose(0.0, hover.x_m, hover.y_m, stand_m, hover.yaw_rad))
+
+
+class Placer:
+    """Puts the vehicle into the mine: where it first is, whatever its yaw, is where it stands at the start.
+
+    The mine is turned and shifted to fit, so a simulator may boot anywhere and look anywhere. Up stays up.
+
+    Args:
+        stand: the pose in the mine that the first truth corresponds to.
+    """
+
+    def __init__(self, stand: Pose) -> None:
+        self.restarts = 0
+        """How often the truth has jumped: a simulator that was started anew stands at the start again."""
+        self._stand = stand
+        self._first: Pose | None = None
+        self._last: Pose | None = None
+
+    def place(self, ned: NedPose) -> Pose:
+        """The pose in the mine, at the time of ``ned``."""
+        here = pose_from_ned(ned)
+        if self._last is not None and _jumped(self._last, here):
+            self.restarts += 1
+            self._first = None
+            log.warning("the true position jumped: the simulator was started anew, so the vehicle is at the start")
+        self._last = here
+        if self._first is None:
+            self._first = here
+        first, stand = self._first, self._stand
+        turn_rad = stand.yaw_rad - first.yaw_rad
+        c, s = math.cos(turn_rad), math.sin(turn_rad)
+        east_m, north_m = here.x_m - first.x_m, here.y_m - first.y_m
+        return replace(
+            here,
+            x_m=stand.x_m + c * east_m - s * north_m,
+            y_m=stand.y_m + s * east_m + c * north_m,
+            z_m=stand.z_m + here.z_m - first.z_m,
+            yaw_rad=wrap_rad(here.yaw_rad + turn_rad),
+            vx_mps=c * here.vx_mps - s * here.vy_mps,
+            vy_mps=s * here.vx_mps + c * here.vy_mps,
+        )
+
+    def heading_offset_rad(self) -> float:
+        """By how much the mine is turned against the compass: yaw in the mine minus true yaw. 0 before the first."""
+        return 0.0 if self._first is None else wrap_rad(self._stand.yaw_rad - self._first.yaw_rad)
+
+
+def _jumped(before: Pose, after: Pose) -> bool:
+    way_m = math.dist((before.x_m, before.y_m, before.z_m), (after.x_m, after.y_m, after.z_m))
+    return way_m > JUMP_M + JUMP_MPS * max(after.t_s - before.t_s, 0.0)

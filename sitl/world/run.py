@@ -1,0 +1,267 @@
+"""The running world: truth in, depth, ranges and odometry out, and a score at the end."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from companion.clock import Clock
+from companion.config.settings import Settings
+from companion.model import Observation, Pose
+from companion.sensors.drivers.stream_server import StreamServer
+from sitl.scene.render import DepthRenderer
+from sitl.scene.sensors import SensorRig
+from sitl.world.connection import Endpoint, TruthUrl
+from sitl.world.contact_monitor import Look, Watch
+from sitl.world.handshake import Conversation, wanted_ids
+from sitl.world.mavlink_out import Feed, Outgoing, bins_of_beams, bins_of_planar
+from sitl.world.odometry import Odometry, OdometrySettings
+from sitl.world.placement import Placer, Scene
+from sitl.world.score_files import Trajectory, write_score
+from sitl.world.tasks import every, signals_call, until
+from sitl.world.truth_messages import TruthKind, TruthReader
+
+log = logging.getLogger(__name__)
+
+CONTACT = "contact"
+
+SPEAK_S = 1.0
+SCORE_S = 5.0
+STATUS_S = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What the world is asked to do; the command's options say what each means."""
+
+    truth: TruthUrl
+    stream_url: str
+    system_id: int = 1
+    truth_from: TruthKind = TruthKind.AUTO
+    truth_hz: float = 50.0
+    feed: Feed = Feed.NONE
+    odometry: OdometrySettings = field(default_factory=OdometrySettings)
+    gps: bool = True
+    send_distance_sensor: bool = False
+    send_obstacle_distance: bool = False
+    stop_on_contact: bool = False
+    score: Path | None = None
+    trajectory: Path | None = None
+    verbose: bool = False
+
+
+class BesideWorld:
+    """One vehicle's world.
+
+    The event loop reads the truth and feeds the odometry; a thread of its own renders, always from the newest truth, so
+    a large image delays nothing but itself.
+
+    Args:
+        scene: the mine.
+        settings: sensors and their noise.
+        seed: draws the noise.
+        plan: what to serve.
+        clock: stamps everything; that of the computer, or clients on it cannot read the stamps.
+        say: takes lines for people.
+    """
+
+    def __init__(
+        self, scene: Scene, settings: Settings, seed: int, plan: Plan, clock: Clock, say: Callable[[str], None]
+    ) -> None:
+        to_sensors, to_odometry = np.random.SeedSequence((seed, plan.system_id)).spawn(2)
+        self.ended_because = ""
+        self.watch = Watch(scene, settings)
+        self._scene, self._settings, self._seed, self._plan = scene, settings, seed, plan
+        self._clock, self._say = clock, say
+        self._camera = settings.sensors.camera.model()
+        renderer = DepthRenderer(scene.world, self._camera)
+        rigs = [
+            SensorRig(settings.sensors, settings.sim.noise, scene.caster, renderer, np.random.default_rng(draws))
+            for draws in (to_sensors, to_sensors)
+        ]
+        # Compiles what is compiled at first use: that takes seconds, and later it would be the first frames.
+        rigs[0].observe(scene.stand)
+        Watch(scene, settings).look(scene.stand)
+        self._rig = rigs[1]
+        self._reader = TruthReader(plan.truth_from)
+        self._placer = Placer(scene.stand)
+        self._odometry = Odometry(plan.odometry, np.random.default_rng(to_odometry))
+        self._endpoint = Endpoint(plan.truth, plan.system_id, wanted_ids(plan.truth_from), clock, self._heard)
+        sender = self._endpoint.mavlink
+        self._outgoing = Outgoing(sender, plan.feed, plan.odometry)
+        self._conversation = Conversation(sender, plan.system_id, self._reader, plan.truth_hz, not plan.gps)
+        self._trajectory = Trajectory(plan.trajectory)
+        self._newest: tuple[Pose, int] | None = None
+        self._restarts_watched = 0
+        self._fresh = asyncio.Event()
+        self._stop = asyncio.Event()
+        self._frames = self._readings = self._estimates = self._truths = 0
+        self._last_look: Look | None = None
+
+    async def run(self) -> None:
+        """Serves until it is stopped; then, however it ended, the score is written.
+
+        Raises:
+            InputError: an address cannot be used, or a file cannot be written.
+        """
+        renderer = ThreadPoolExecutor(1, thread_name_prefix="render")
+        try:
+            with self._trajectory, signals_call(self.stop):
+                async with StreamServer(self._plan.stream_url, self._camera, self._clock) as server:
+                    self._say(self._introduction(server))
+                    await until(
+                        self._stop,
+                        self._endpoint.run(),
+                        self._render(renderer, server),
+                        every(SPEAK_S, lambda: self._conversation.speak(self._clock.now_s())),
+                        every(SCORE_S, self._keep_score, at_once=False),
+                        every(STATUS_S, lambda: self._tell(server), at_once=False),
+                    )
+        except BaseException as error:
+            self.ended_because = self.ended_because or f"error: {error or type(error).__name__}"
+            raise
+        finally:
+            renderer.shutdown(wait=True)
+            self._keep_score()
+
+    def stop(self, because: str) -> None:
+        """Ends `run` in good order; the first reason counts."""
+        self.ended_because = self.ended_because or because
+        self._stop.set()
+
+    def score(self) -> dict[str, object]:
+        """What really happened so far."""
+        scene, stand = self._scene, self._scene.stand
+        return {
+            "world": scene.world.name,
+            "seed": self._seed,
+            "system_id": self._plan.system_id,
+            "ended_because": self.ended_because or None,
+            "truth_from": str(self._reader.kind),
+            "start": [round(value, 4) for value in (stand.x_m, stand.y_m, stand.z_m, stand.yaw_rad)],
+            **self.watch.figures(),
+            "simulator_restarts": self._placer.restarts,
+            "truth_messages": self._truths,
+            "truth_refused": self._reader.refused,
+            "malformed_messages": self._endpoint.counts.malformed,
+            "unsent_messages": self._endpoint.counts.unsent,
+            "depth_frames": self._frames,
+            "range_readings": self._readings,
+            "odometry": str(self._plan.feed),
+            "odometry_sent": self._estimates,
+            "odometry_lost": self._odometry.lost,
+            "odometry_resets": self._odometry.resets,
+        }
+
+    def _heard(self, message: Any, received_s: float) -> None:
+        """One message of the autopilot, in the event loop."""
+        self._conversation.heard(message, received_s)
+        ned = self._reader.hear(message, received_s)
+        if ned is None:
+            return
+        restarts = self._placer.restarts
+        pose = self._placer.place(ned)
+        if self._truths == 0 and self._conversation.armed:
+            log.warning("the vehicle was armed before the world began: where it is now is taken for its start")
+        self._truths += 1
+        self._conversation.truth_came(received_s)
+        if self._placer.restarts != restarts:
+            self._odometry.restart()
+            self._conversation.began_anew(received_s)
+        self._newest = (pose, self._placer.restarts)
+        self._fresh.set()
+        if self._plan.feed is not Feed.NONE and self._odometry.watch(pose, self._placer.heading_offset_rad()):
+            delay_s = self._plan.odometry.delay_s
+            if delay_s > 0.0:
+                # A hair later than due, lest rounding leave it for the next.
+                asyncio.get_running_loop().call_later(delay_s + 1e-4, self._send_odometry)
+            else:
+                self._send_odometry()
+
+    def _send_odometry(self) -> None:
+        for estimate in self._odometry.due(self._clock.now_s()):
+            self._outgoing.odometry(estimate, self._conversation.is_ardupilot)
+            self._estimates += 1
+
+    async def _render(self, renderer: ThreadPoolExecutor, server: StreamServer) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            await self._fresh.wait()
+            self._fresh.clear()
+            newest = self._newest
+            if newest is None:
+                continue
+            observation, look = await loop.run_in_executor(renderer, self._see, *newest)
+            self._publish(observation, server)
+            if look is not None:
+                self._last_look = look
+                self._trajectory.add(look)
+                if look.touching and self._plan.stop_on_contact:
+                    self.stop(CONTACT)
+
+    def _see(self, pose: Pose, restarts: int) -> tuple[Observation, Look | None]:
+        """Everything that takes time, in the renderer's thread."""
+        if restarts != self._restarts_watched:
+            self._restarts_watched = restarts
+            self.watch.restart()
+        return self._rig.observe(pose), self.watch.look(pose)
+
+    def _publish(self, observation: Observation, server: StreamServer) -> None:
+        plan, ranges, planar = self._plan, observation.ranges, observation.planar
+        if observation.frame is not None:
+            self._frames += 1
+            server.publish_depth(observation.frame.t_s, observation.frame.depth_m)
+        if ranges:
+            self._readings += len(ranges)
+            server.publish_ranges(ranges)
+            if plan.send_distance_sensor:
+                self._outgoing.distances(ranges)
+        if planar is not None:
+            server.publish_planar(planar.t_s, planar.bearings_rad, planar.ranges_m, planar.max_range_m)
+        if plan.send_obstacle_distance:
+            # A vehicle with a scanner knows all around; without one it knows what its beams know.
+            if planar is not None:
+                self._outgoing.obstacles(planar.t_s, bins_of_planar(planar), planar.max_range_m)
+            elif ranges and not self._settings.sensors.planar.enabled:
+                self._outgoing.obstacles(ranges[0].t_s, bins_of_beams(ranges), ranges[0].max_range_m)
+
+    def _keep_score(self) -> None:
+        self._trajectory.flush()
+        if self._plan.score is not None:
+            write_score(self._plan.score, self.score())
+
+    def _introduction(self, server: StreamServer) -> str:
+        camera, plan = self._camera, self._plan
+        feed = "no odometry" if plan.feed is Feed.NONE else f"{plan.feed} at {plan.odometry.rate_hz:g} Hz"
+        return (
+            f"{self._scene.world.name}: depth {camera.width_px} x {camera.height_px} at "
+            f"{self._settings.sensors.camera.rate_hz:g} Hz and ranges at {server.url}, {feed} to the autopilot; "
+            f"waiting for its truth at {plan.truth.kind}://{plan.truth.host}:{plan.truth.port}"
+        )
+
+    def _tell(self, server: StreamServer) -> None:
+        if self._plan.verbose:
+            look = self._last_look
+            d = "not flying" if look is None or look.d_m is None else f"d {look.d_m:.2f} m"
+            rate_hz = self._conversation.truth_hz(self._clock.now_s())
+            self._say(f"{self._told()}; truth {rate_hz:.0f} Hz, {server.client_count} clients, {d}")
+
+    def last_words(self) -> str:
+        """One line about what happened."""
+        return f"ended: {self.ended_because}; {self._told()}"
+
+    def _told(self) -> str:
+        watch = self.watch
+        least = f"least d {watch.least_d_m:.2f} m" if math.isfinite(watch.least_d_m) else "never flew"
+        return (
+            f"{watch.time_s:.0f} s, {watch.path_m:.1f} m flown, {least}, {watch.contacts} contacts, "
+            f"{self._frames} frames, {self._estimates} odometry"
+        )

@@ -1,0 +1,184 @@
+"""What the simulators say of where the vehicle truly is, as a pose in metres from the first word."""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from companion.clock import ClockAlignment
+from companion.frames import NedPose
+from sitl.world.attitude import angles_of, yaw_rate_of
+from sitl.world.smoothing import PositionFilter, Triple
+
+PX4_EARTH_M = 6_371_000.0
+ARDUPILOT_EARTH_M = 6_378_100.0
+"""The radius with which each autopilot makes metres of degrees. With the other's, both would disagree with us by 0.1 %
+of the way, which bends a map that is made of their positions and our depth."""
+
+GRID_M = 1e-7 * math.pi / 180.0 * ARDUPILOT_EARTH_M
+"""The grid of latitude and longitude in messages: 1.1 cm."""
+
+LOCAL_PAIR_S = 0.1
+"""ATTITUDE may be this much older than the LOCAL_POSITION_NED that it is paired with."""
+
+
+LARGEST_DELAY_S = 0.05
+"""A truth message is never believed to be older than this. Loopback takes a millisecond; what looks like more is a
+simulator that could not keep up with real time and whose clock has fallen behind."""
+
+
+class TruthKind(enum.StrEnum):
+    """Whose word is taken."""
+
+    AUTO = "auto"
+    HIL = "hil"
+    SIM = "sim"
+    LOCAL = "local"
+
+
+MESSAGES = {
+    TruthKind.HIL: ("HIL_STATE_QUATERNION",),
+    TruthKind.SIM: ("SIM_STATE",),
+    TruthKind.LOCAL: ("LOCAL_POSITION_NED", "ATTITUDE"),
+    TruthKind.AUTO: ("HIL_STATE_QUATERNION", "SIM_STATE"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """Latitude and longitude in degrees, altitude in m."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+
+
+class TruthReader:
+    """Makes poses of truth messages.
+
+    HIL_STATE_QUATERNION (PX4) and SIM_STATE (ArduPilot) give latitude and longitude on a grid of 1.1 cm; rendered from
+    there, the walls would jump by as much at every step. `PositionFilter` fills in between with the velocity.
+
+    Time: a stamp of the simulator is moved to our clock by the least delay seen. PX4 sends 0 for a stamp and SIM_STATE
+    has none: then it is the time of arrival, which loopback delays by about a millisecond.
+
+    Args:
+        kind: whose word is taken; AUTO stays with whichever speaks first.
+    """
+
+    def __init__(self, kind: TruthKind) -> None:
+        self.kind = kind
+        self.origin: Fix | None = None
+        """Where the vehicle was first, on the globe; None with local positions."""
+        self.refused = 0
+        self.alignment = ClockAlignment()
+        self._filter = PositionFilter((GRID_M, GRID_M, 0.001))
+        self._attitude: tuple[float, Any] | None = None
+        self._last_s = -math.inf
+
+    def hear(self, message: Any, received_s: float) -> NedPose | None:
+        """The true pose that a message tells, relative to the first; None for any other, and for what makes no sense.
+
+        Args:
+            message: as pymavlink decodes it.
+            received_s: when it arrived.
+        """
+        name = message.get_type()
+        if name not in MESSAGES[self.kind]:
+            return None
+        if self.kind is TruthKind.AUTO:
+            self.kind = TruthKind.HIL if name == "HIL_STATE_QUATERNION" else TruthKind.SIM
+        if name == "HIL_STATE_QUATERNION":
+            pose = self._hil(message, received_s)
+        elif name == "SIM_STATE":
+            pose = self._sim(message, received_s)
+        elif name == "ATTITUDE":
+            self._attitude = (message.time_boot_ms * 1e-3, message)
+            return None
+        else:
+            pose = self._local(message, received_s)
+        if pose is None or not _is_finite(pose):
+            self.refused += 1
+            return None
+        if pose.t_s <= self._last_s:  # two in one instant, or the alignment has just found a shorter delay
+            return None
+        self._last_s = pose.t_s
+        return pose
+
+    def _hil(self, message: Any, received_s: float) -> NedPose | None:
+        angles = angles_of(message.attitude_quaternion)
+        fix = Fix(message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3)
+        velocity = (message.vx * 0.01, message.vy * 0.01, message.vz * 0.01)
+        t_s = self._stamp(message.time_usec * 1e-6, received_s)
+        rates = (message.pitchspeed, message.yawspeed)
+        return self._globe(t_s, angles, fix, velocity, rates, PX4_EARTH_M)
+
+    def _sim(self, message: Any, received_s: float) -> NedPose | None:
+        # Its lat and lon are single-precision: steps of 0.4 m. Firmware older than 2021 has no other.
+        fix = Fix(message.lat_int * 1e-7, message.lon_int * 1e-7, message.alt)
+        velocity = (message.vn, message.ve, message.vd)
+        angles = (message.roll, message.pitch, message.yaw)
+        return self._globe(received_s, angles, fix, velocity, (message.ygyro, message.zgyro), ARDUPILOT_EARTH_M)
+
+    def _globe(
+        self,
+        t_s: float,
+        angles: Triple | None,
+        fix: Fix,
+        velocity: Triple,
+        rates: tuple[float, float],
+        radius_m: float,
+    ) -> NedPose | None:
+        # Before it knows its place, a simulator sends zeros.
+        if angles is None or (fix.latitude_deg == 0.0 and fix.longitude_deg == 0.0):
+            return None
+        if not all(map(math.isfinite, (*angles, *velocity, *rates, fix.altitude_m))):
+            return None
+        if self.origin is None:
+            self.origin = fix
+        origin = self.origin
+        middle_rad = math.radians(0.5 * (fix.latitude_deg + origin.latitude_deg))
+        turn_deg = math.remainder(fix.longitude_deg - origin.longitude_deg, 360.0)
+        measured = (
+            math.radians(fix.latitude_deg - origin.latitude_deg) * radius_m,
+            math.radians(turn_deg) * radius_m * math.cos(middle_rad),
+            origin.altitude_m - fix.altitude_m,
+        )
+        place = self._filter.update(t_s, measured, velocity)
+        return NedPose(t_s, *place, *angles, *velocity, yaw_rate_of(angles[0], angles[1], *rates))
+
+    def _local(self, message: Any, received_s: float) -> NedPose | None:
+        if self._attitude is None:
+            return None
+        there_s = message.time_boot_ms * 1e-3
+        attitude_s, attitude = self._attitude
+        later_s = there_s - attitude_s
+        if abs(later_s) > LOCAL_PAIR_S:
+            return None
+        return NedPose(
+            self._stamp(there_s, received_s),
+            *(message.x, message.y, message.z),
+            *(attitude.roll + attitude.rollspeed * later_s, attitude.pitch + attitude.pitchspeed * later_s),
+            attitude.yaw + attitude.yawspeed * later_s,
+            *(message.vx, message.vy, message.vz),
+            yaw_rate_of(attitude.roll, attitude.pitch, attitude.pitchspeed, attitude.yawspeed),
+        )
+
+    def _stamp(self, remote_s: float, received_s: float) -> float:
+        if remote_s <= 0.0:
+            return received_s
+        self.alignment.add_one_way(remote_s, received_s)
+        local_s = self.alignment.to_local_s(remote_s)
+        return received_s if local_s is None else max(local_s, received_s - LARGEST_DELAY_S)
+
+
+def _is_finite(pose: NedPose) -> bool:
+    return all(
+        math.isfinite(value)
+        for value in (
+            *(pose.t_s, pose.north_m, pose.east_m, pose.down_m, pose.roll_rad, pose.pitch_rad, pose.yaw_rad),
+            *(pose.v_north_mps, pose.v_east_mps, pose.v_down_mps, pose.yaw_rate_radps),
+        )
+    )

@@ -1,0 +1,363 @@
+"""A mission in the simulated mine: repeatable, scored from the truth, and ended for the right reason."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from companion.config.control import ControlSettings
+from companion.config.mapping import MapSettings
+from companion.config.sensors import CameraSettings, SensorSettings
+from companion.config.settings import Settings
+from companion.config.sim import DynamicsSettings, SimSettings
+from companion.errors import InputError
+from companion.model import Pose
+from sitl.mines import World, load_world
+from sitl.sim import simulation as module
+from sitl.sim.flight_log import COLUMNS
+from sitl.sim.simulation import CHECK_PERIOD_S, SCORED_PERIOD_S, Progress, Simulation
+
+LIMIT_S = 30.0
+QUICK: dict[str, Any] = {
+    "sensors": SensorSettings(camera=CameraSettings(width_px=64, height_px=48)),
+    "mapping": MapSettings(voxel_m=0.3),
+}
+"""A coarse camera and a coarse map: a minute of flight takes less than a second."""
+
+SETTINGS = Settings(**QUICK)
+PERIOD_S = SETTINGS.control.period_s
+RADIUS_M = SETTINGS.vehicle.body_radius_m
+RECKLESS = Settings(
+    **QUICK,
+    control=ControlSettings(
+        speed_mps=3.0, max_yaw_rate_radps=0.1, speed_law="paper", law="paper", allow_turning_radius_above_margin=True
+    ),
+    sim=SimSettings(dynamics=DynamicsSettings(command_latency_s=1.0)),
+)
+"""A first circle with a radius of 30 m in a room of 10 m."""
+
+
+@functools.cache
+def room() -> World:
+    return load_world("room", seed=1)
+
+
+def room_from(x_m: float, y_m: float, z_m: float) -> World:
+    return replace(room(), start=Pose(0.0, x_m, y_m, z_m, 0.0))
+
+
+def flown(seed: int, settings: Settings = SETTINGS, limit_s: float = LIMIT_S, vehicles: int = 1) -> Simulation:
+    mission = Simulation(room(), settings, seed, vehicles)
+    mission.run(limit_s)
+    return mission
+
+
+@pytest.fixture(scope="module")
+def mission() -> Simulation:
+    """Seed 1, one vehicle, half a minute: through all three modes."""
+    return flown(1)
+
+
+@pytest.fixture(scope="module")
+def pair() -> Simulation:
+    """Two vehicles, four seconds."""
+    return flown(1, limit_s=4.0, vehicles=2)
+
+
+@pytest.fixture(scope="module")
+def crash() -> Simulation:
+    return flown(1, RECKLESS, limit_s=60.0)
+
+
+def records(mission: Simulation) -> list[list[bytes]]:
+    """Every column of every log, to the last bit."""
+    return [
+        [flight.log.modes.tobytes(), *(flight.log.column(name).tobytes() for name in COLUMNS)]
+        for flight in mission.flights
+    ]
+
+
+class TestRepeatability:
+    """What a seed means."""
+
+    def test_the_same_seed_flies_the_same_mission(self, mission: Simulation) -> None:
+        """Protects every comparison between runs: trajectories, maps and figures are equal to the last bit."""
+        again = flown(1)
+        assert records(again) == records(mission)
+        np.testing.assert_array_equal(again.merged_map().occupied(), mission.merged_map().occupied())
+        first, second = mission.score(), again.score()
+        clock = {"wall_time_s", "times_real_time"}
+        assert {k: v for k, v in first.items() if k not in clock} == {k: v for k, v in second.items() if k not in clock}
+
+    def test_another_seed_flies_another_mission(self, mission: Simulation) -> None:
+        """Protects against a seed that is not used: start, noise and choices differ."""
+        other = flown(2)
+        for name in ("x_m", "yaw_rad", "estimated_x_m"):
+            assert other.flights[0].log.column(name)[0] != mission.flights[0].log.column(name)[0], name
+
+    def test_the_length_of_a_mission_does_not_change_its_beginning(self, mission: Simulation) -> None:
+        """Protects the draws from each other: scoring and looking at the completeness draw nothing."""
+        shorter = flown(1, limit_s=LIMIT_S / 2.0)
+        ticks = len(shorter.flights[0].log)
+        np.testing.assert_array_equal(shorter.flights[0].log.positions_m, mission.flights[0].log.positions_m[:ticks])
+
+
+class TestEnd:
+    """Why a mission ends."""
+
+    @pytest.mark.parametrize("limit_s", [0.01, 1.0, 3.33])
+    def test_the_time_limit_is_kept(self, limit_s: float) -> None:
+        """Protects --time-limit: it ends with the first tick at or after it, and says why."""
+        short = flown(1, limit_s=limit_s)
+        assert short.ended_because == "time limit"
+        # Times are sums of periods.
+        assert limit_s - 1e-6 <= short.t_s < limit_s + PERIOD_S + 1e-6
+        assert len(short.flights[0].log) == round(short.t_s / PERIOD_S)
+        assert short.completed_at_s is None
+
+    def test_a_contact_ends_the_mission(self, crash: Simulation) -> None:
+        """Protects the meaning of a flight: what has touched a wall does not fly on, and the score says so."""
+        assert crash.ended_because == "contact"
+        assert crash.score()["contacts"] == 1
+        assert crash.t_s < 60.0
+
+    def test_a_contact_is_noticed_in_the_tick_in_which_it_happens(self, crash: Simulation) -> None:
+        """Protects the shortcut that asks for the distance only when the vehicle can have come near enough."""
+        (flight,) = crash.flights
+        pose = flight.vehicle.pose
+        last = np.array([[pose.x_m, pose.y_m, pose.z_m]])
+        assert crash.caster.distance(last)[0] <= RADIUS_M
+        assert (crash.caster.distance(flight.log.positions_m) > RADIUS_M).all()
+
+    def test_inputs_lost_for_long_end_the_mission(self) -> None:
+        """As in flight. Here the ground is out of the beam's range, as over a hole: no height, no way on."""
+        beams = SETTINGS.sensors.beams.model_copy(update={"max_range_m": 1.0})
+        sensors = SETTINGS.sensors.model_copy(update={"beams": beams})
+        blind = flown(1, SETTINGS.model_copy(update={"sensors": sensors}), limit_s=60.0)
+        assert blind.ended_because == "inputs lost"
+        assert blind.t_s == pytest.approx(SETTINGS.mission.input_timeout_s, abs=0.2)
+
+    def test_a_complete_map_ends_the_mission(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Protects t_f: the mission ends at the first look that finds the share, and says at which time."""
+        monkeypatch.setattr(module, "COMPLETE_SHARE", 0.3)
+        done = flown(1, limit_s=300.0)
+        assert done.ended_because == "complete"
+        assert done.completed_at_s == done.t_s < 300.0
+        assert done.completeness >= 0.3
+        assert all(share < 0.3 for t_s, share in done.progress if t_s < done.t_s)
+
+    def test_the_user_may_stop_it(self) -> None:
+        """Protects Ctrl-C: the mission ends where it is, and can be scored and written."""
+        stopped = Simulation(room(), SETTINGS, 1)
+
+        def stop(progress: Progress) -> None:
+            if progress.t_s > 4.0:
+                raise KeyboardInterrupt
+
+        stopped.run(60.0, stop)
+        assert stopped.ended_because == "stopped by the user"
+        assert CHECK_PERIOD_S - 1e-6 <= stopped.t_s < CHECK_PERIOD_S + PERIOD_S
+        assert stopped.score()["ended_because"] == "stopped by the user"
+
+    def test_the_user_may_stop_it_before_it_begins(self) -> None:
+        """Protects the score of a mission without a single tick: nothing is known then, and nothing is warned of."""
+
+        def stop(_progress: Progress) -> None:
+            raise KeyboardInterrupt
+
+        stopped = Simulation(room(), SETTINGS, 1)
+        stopped.run(60.0, stop)
+        score = stopped.score()
+        assert (score["sim_time_s"], score["least_d_m"], score["time_below_d_s_fraction"]) == (0.0, None, None)
+
+
+class TestProgress:
+    """What is told on the way."""
+
+    def test_every_five_seconds_someone_is_told(self) -> None:
+        """Protects the display: time, share and the flights, at the start and at every look."""
+        told: list[Progress] = []
+        watched = Simulation(room(), SETTINGS, 1)
+        watched.run(LIMIT_S, told.append)
+        assert [progress.t_s for progress in told] == pytest.approx(
+            np.arange(0.0, LIMIT_S, CHECK_PERIOD_S), abs=PERIOD_S
+        )
+        assert told[0].completeness == 0.0
+        assert told[-1].completeness > 0.0
+        assert all(progress.flights == watched.flights for progress in told)
+
+    def test_the_curve_of_the_completeness_begins_with_nothing_and_ends_with_the_end(self, mission: Simulation) -> None:
+        """Protects the report's curve."""
+        times, shares = np.array(mission.progress).T
+        assert (times[0], shares[0]) == (0.0, 0.0)
+        assert (times[-1], shares[-1]) == (mission.t_s, mission.completeness)
+        assert (np.diff(times) > 0.0).all()
+        assert ((shares >= 0.0) & (shares <= 1.0)).all()
+
+
+class TestScore:
+    """The figures, against the truth."""
+
+    def test_completeness_and_missed_points_are_two_sides_of_one_thing(self, mission: Simulation) -> None:
+        """Protects the completeness: the share of the visible surface within one voxel of an occupied one, by area."""
+        occupied, samples = mission.merged_map().occupied(), mission.truth.samples_m
+        apart = np.min([np.max(np.abs(samples - centre), axis=1) for centre in occupied], axis=0)
+        # Within one voxel of an occupied voxel: no further from its middle than one and a half edges on any axis. What
+        # lies on that border within a thousandth of a voxel may count either way.
+        voxel_m = SETTINGS.mapping.voxel_m
+        found = apart <= 1.5 * voxel_m
+        border = np.abs(apart - 1.5 * voxel_m) < 1e-3 * voxel_m
+        areas = mission.truth.sample_areas_m2.astype(np.float64) / mission.truth.sample_areas_m2.sum(dtype=np.float64)
+        assert mission.completeness == pytest.approx(areas[found].sum(), abs=areas[border].sum() + 1e-6)
+        missed = mission.missed_m()
+        assert abs(len(missed) - np.count_nonzero(~found)) <= np.count_nonzero(border)
+        assert {tuple(point) for point in samples[~found & ~border]} <= {tuple(point) for point in missed}
+        assert 0.05 < mission.completeness < 0.95
+
+    def test_the_true_distance_is_that_to_the_walls_of_the_room(self, mission: Simulation) -> None:
+        """Protects d in the score: from the mesh, ten times a second, and not what the vehicle believed.
+
+        The room's six walls are known. The distance is the shortest of a fan of 72 rays: to a wall it is longer than
+        the true one by at most the secant of 2.5°; past the edge of the inner corner a ray may go further.
+        """
+        score = mission.score()
+        (flight,) = mission.flights
+        every = round(SCORED_PERIOD_S / PERIOD_S)
+        told = flight.log.column("true_d_m")
+        assert np.isfinite(told[::every]).all()
+        assert np.isnan(np.delete(told, np.s_[::every])).all()
+        x, y, _ = flight.log.positions_m[::every].T
+        walls = np.minimum.reduce(
+            [x, 10.0 - x, y, np.where(x < 6.4, 3.6 - y, 7.0 - y), np.where(y > 3.6, x - 6.4, np.inf)]
+        )
+        true = np.minimum(walls, np.hypot(6.4 - x, 3.6 - y))
+        # Rays are float32.
+        assert (told[::every] >= true - 1e-5).all()
+        at_wall = walls == true
+        assert (told[::every][at_wall] <= true[at_wall] / math.cos(math.radians(2.5)) + 1e-5).all()
+        assert at_wall.any()
+        assert score["least_d_m"] == pytest.approx(float(np.nanmin(told)), abs=5e-4)
+
+    def test_the_share_of_time_below_the_margin_is_that_of_the_log(self, crash: Simulation) -> None:
+        """Protects time_below_d_s_fraction, on a flight which certainly came too near."""
+        score = crash.score()
+        told = crash.flights[0].log.column("true_d_m")
+        told = told[np.isfinite(told)]
+        margin_m = RECKLESS.control.margin_m
+        assert score["time_below_d_s_fraction"] == pytest.approx(np.mean(told < margin_m), abs=5e-6)
+        assert np.mean(told < margin_m) > 0.0
+
+    def test_the_path_is_the_sum_of_the_steps(self, mission: Simulation) -> None:
+        """Protects path_length_m; what is missing in the log is the way of the last tick."""
+        (flight,) = mission.flights
+        steps_m = np.linalg.norm(np.diff(flight.log.positions_m, axis=0), axis=1)
+        length_m = mission.score()["path_length_m"]
+        assert isinstance(length_m, float)
+        assert 0.0 <= length_m - steps_m.sum() <= SETTINGS.control.speed_mps * PERIOD_S + 0.005
+
+    def test_the_time_is_the_simulated_one(self, mission: Simulation) -> None:
+        """Protects the pace: how much faster than a clock the simulation was."""
+        score = mission.score()
+        assert score["sim_time_s"] == pytest.approx(mission.t_s, abs=1e-3)
+        assert score["times_real_time"] == pytest.approx(mission.t_s / mission.wall_time_s, rel=0.01)
+        assert isinstance(score["versions"], dict)
+        assert {"python", "mine-companion", "numpy", "numba"} <= set(score["versions"])
+
+
+class TestStart:
+    """Where a mission may begin."""
+
+    def test_a_drawn_start_keeps_the_margin_and_the_height(self) -> None:
+        """Protects Assumption 2.1 as far as there is room: d_s to every wall, H above the floor."""
+        for seed in range(20):
+            (flight,) = Simulation(room(), SETTINGS, seed).flights
+            pose = flight.vehicle.pose
+            assert pose.z_m == pytest.approx(SETTINGS.control.height_m, abs=1e-5)
+            assert min(pose.y_m, 10.0 - pose.x_m, pose.x_m) >= SETTINGS.control.margin_m - 1e-5
+            assert -math.pi <= pose.yaw_rad < math.pi
+
+    def test_the_start_of_a_world_is_used(self) -> None:
+        """Protects --start: where the user puts the vehicle, there it is."""
+        world = room_from(2.0, 1.8, 1.5)
+        assert Simulation(world, SETTINGS, 1).flights[0].vehicle.pose == world.start
+
+    @pytest.mark.parametrize(
+        ("start", "said"),
+        [
+            ((-1.0, 1.8, 1.5), "outside"),
+            ((3.0, 5.0, 1.5), "outside"),
+            ((2.0, 0.2, 1.5), "nearest surface"),
+            ((2.0, 1.8, 2.6), "nearest surface"),
+        ],
+    )
+    def test_a_start_in_a_wall_is_refused(self, start: tuple[float, float, float], said: str) -> None:
+        """Protects from a flight that begins with a contact, or outside of the mine where nothing is."""
+        with pytest.raises(InputError, match=said):
+            Simulation(room_from(*start), SETTINGS, 1)
+
+    def test_a_margin_that_fits_nowhere_is_refused(self) -> None:
+        """Protects from starting without room: the message names the setting and its value."""
+        wide = Settings(**QUICK, control=ControlSettings(margin_m=1.9))
+        with pytest.raises(InputError, match=r"control\.margin_m = 1\.9 m"):
+            Simulation(room(), wide, 1)
+
+
+class TestSeveral:
+    """Several vehicles in one mine."""
+
+    @pytest.mark.parametrize("seed", range(5))
+    def test_they_start_apart(self, seed: int) -> None:
+        """Protects the start from being a collision: two margins between any two, each with its own number."""
+        three = Simulation(room(), SETTINGS, seed, vehicles=3)
+        poses = [flight.vehicle.pose for flight in three.flights]
+        for i, a in enumerate(poses):
+            for b in poses[i + 1 :]:
+                apart_m = math.dist((a.x_m, a.y_m, a.z_m), (b.x_m, b.y_m, b.z_m))
+                assert apart_m >= 2.0 * SETTINGS.control.margin_m - 1e-6
+        assert [flight.log.vehicle_id for flight in three.flights] == [1, 2, 3]
+        assert len({pose.yaw_rad for pose in poses}) == 3
+
+    def test_each_flies_on_its_own(self, pair: Simulation) -> None:
+        """Protects the seeds from being shared: noise and disturbance of the vehicles are not the same."""
+        first, second = (flight.log for flight in pair.flights)
+        assert len(first) == len(second) == round(pair.t_s / PERIOD_S)
+        errors = [log.column("estimated_x_m") - log.column("x_m") for log in (first, second)]
+        assert (errors[0] != errors[1]).any()
+
+    def test_the_least_distance_between_them_is_watched(self, pair: Simulation) -> None:
+        """Protects the score of a fleet, against the distances of the logs tick by tick."""
+        first, second = (flight.log.positions_m for flight in pair.flights)
+        apart_m = np.linalg.norm(first - second, axis=1)
+        assert pair.score()["least_distance_between_vehicles_m"] == pytest.approx(apart_m.min(), abs=5e-4)
+
+    def test_the_map_is_the_union(self, pair: Simulation) -> None:
+        """Protects V (paper eq. (5)): what any of them has mapped is in it, and their own maps are left alone."""
+        own = [flight.map.occupied() for flight in pair.flights]
+        merged = pair.merged_map()
+        for points in own:
+            assert len(points) > 0
+            assert merged.occupied_near(points).all()
+        assert len(merged.occupied()) > max(len(points) for points in own)
+        for flight, points in zip(pair.flights, own, strict=True):
+            np.testing.assert_array_equal(flight.map.occupied(), points)
+
+    def test_one_start_cannot_be_shared(self) -> None:
+        """Protects from two vehicles in one place."""
+        with pytest.raises(InputError, match="2 vehicles"):
+            Simulation(room_from(2.0, 1.8, 1.5), SETTINGS, 1, vehicles=2)
+
+    def test_more_than_there_is_room_for_are_refused(self) -> None:
+        """Protects from a search without end: the room holds no 30 vehicles 2 m apart."""
+        with pytest.raises(InputError, match="30 vehicles"):
+            Simulation(room(), SETTINGS, 1, vehicles=30)
+
+
+def test_alone_the_map_is_not_copied(mission: Simulation) -> None:
+    """Protects memory: the one map of the one vehicle is V."""
+    assert mission.merged_map() is mission.flights[0].map
+    assert mission.score()["least_distance_between_vehicles_m"] is None

@@ -1,0 +1,270 @@
+"""The whole world on loopback: a fake autopilot tells the truth over UDP, and a client reads the stream."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import signal
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from companion.cli import main as cli
+from companion.clock import MonotonicClock
+from companion.config.settings import Settings
+from companion.model import Beam, Pose
+from companion.sensors.drivers.stream import StreamDriver
+from companion.sensors.sink import SensorSink, Taken
+from sitl.scene.raycast import RayCaster
+from sitl.world.connection import TruthUrl
+from sitl.world.mavlink_out import Feed
+from sitl.world.odometry import OdometrySettings
+from sitl.world.placement import Scene
+from sitl.world.run import CONTACT, BesideWorld, Plan
+from sitl.world.tasks import TERMINATED
+from tests.sitl.scene.test_raycast import box
+from tests.sitl.world.messages import Ned, heartbeat, hil
+
+STAND = Pose(0.0, 5.0, 3.0, 0.15, math.pi / 2)
+"""Looking along the y axis of a room of 20 x 6 x 3 m, at a wall 3 m away."""
+
+SETTINGS = Settings.model_validate(
+    {
+        "sensors": {"camera": {"width_px": 64, "height_px": 48, "rate_hz": 10.0, "mount_x_m": 0.0}},
+        "sim": {"noise": {"enabled": False}},
+    }
+)
+BOOT_YAW_RAD = 1.0
+"""Where the simulator happens to look by its compass."""
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    world = box((0.0, 0.0, 0.0), (20.0, 6.0, 3.0))
+    return Scene(world, RayCaster(world), STAND)
+
+
+def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+class FakeAutopilot(asyncio.DatagramProtocol):
+    """Sends heartbeats and HIL_STATE_QUATERNION at 50 Hz, and keeps what it is told."""
+
+    def __init__(self, system_id: int = 1) -> None:
+        self.ahead_m = 0.0
+        self.up_m = 0.0
+        self.told: list[Any] = []
+        self._sender = mavlink.MAVLink(None, system_id, 1)
+        self._reader = mavlink.MAVLink(None)
+        self.silent = False
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:  # noqa: ARG002 - asyncio's
+        self.told.append(self._reader.decode(bytearray(data)))
+
+    def error_received(self, exc: Exception) -> None:
+        """The world is not there yet."""
+
+    def names(self) -> set[str]:
+        return {message.get_type() for message in self.told}
+
+    async def run(self, port: int) -> None:
+        loop = asyncio.get_running_loop()
+        transport, _ = await loop.create_datagram_endpoint(lambda: self, remote_addr=("127.0.0.1", port))
+        try:
+            for i in range(100_000):
+                place: Ned = (self.ahead_m * math.cos(BOOT_YAW_RAD), self.ahead_m * math.sin(BOOT_YAW_RAD), -self.up_m)
+                if self.silent:
+                    await asyncio.sleep(0.02)
+                    continue
+                if i % 50 == 0:
+                    transport.sendto(bytes(heartbeat(12).pack(self._sender)))
+                transport.sendto(bytes(hil(place, BOOT_YAW_RAD).pack(self._sender)))
+                await asyncio.sleep(0.02)
+        finally:
+            transport.close()
+
+
+class Stage:
+    """World, autopilot and a client of the stream, running."""
+
+    def __init__(self, scene: Scene, **options: Any) -> None:
+        self.port = free_port()
+        stream = f"tcp://127.0.0.1:{free_port(socket.SOCK_STREAM)}"
+        clock = MonotonicClock()
+        plan = Plan(TruthUrl("udp", "127.0.0.1", self.port), stream, **options)
+        self.said: list[str] = []
+        self.world = BesideWorld(scene, SETTINGS, 1, plan, clock, self.said.append)
+        self.autopilot = FakeAutopilot()
+        self.sink = SensorSink(clock)
+        self.driver = StreamDriver(stream, clock)
+
+    async def play(self, act: Callable[[Stage], Any]) -> None:
+        """Runs ``act`` beside the others, then waits for the world to end by itself."""
+        others = [
+            asyncio.create_task(self.autopilot.run(self.port)),
+            asyncio.create_task(self.driver.run(self.sink)),
+        ]
+        acting = asyncio.create_task(act(self))
+        # What goes wrong on the stage ends the play at once.
+        acting.add_done_callback(
+            lambda task: None if task.cancelled() or not task.exception() else self.world.stop("failed")
+        )
+        try:
+            await asyncio.wait_for(self.world.run(), 30.0)
+            await acting
+        finally:
+            for task in (*others, acting):
+                task.cancel()
+            await asyncio.gather(*others, acting, return_exceptions=True)
+
+    async def until(self, condition: Callable[[], bool]) -> None:
+        """Waits for something that must come within 10 s."""
+        async with asyncio.timeout(10.0):
+            while not condition():  # noqa: ASYNC110 - many kinds of conditions
+                await asyncio.sleep(0.01)
+
+    async def newest(self) -> Taken:
+        """Readings that were all taken from now on, depth among them."""
+        began_s = MonotonicClock().now_s()
+        while True:
+            taken = self.sink.take()
+            if taken.depth is not None and taken.depth.t_s > began_s and taken.ranges:
+                return taken
+            await asyncio.sleep(0.13)
+
+
+def test_what_the_vehicle_sees_is_what_stands_before_it(scene: Scene, tmp_path: Path) -> None:
+    """It hovers 1.35 m up, 1 m ahead of its start: the wall is 2 m away, whatever its compass said at boot.
+
+    And a SIGTERM ends it in good order, with the score of what happened.
+    """
+    stage = Stage(
+        scene,
+        feed=Feed.ODOMETRY,
+        odometry=OdometrySettings(position_noise_m=0.0, drift_share=0.0, attitude_noise_rad=0.0),
+        send_distance_sensor=True,
+        send_obstacle_distance=True,
+        gps=False,
+        score=tmp_path / "score.json",
+        trajectory=tmp_path / "trajectory.csv",
+    )
+
+    async def act(stage: Stage) -> None:
+        await stage.until(lambda: stage.sink.take().depth is not None)
+        stage.autopilot.up_m = 1.35
+        await asyncio.sleep(0.3)
+        stage.autopilot.ahead_m = 1.0
+        await asyncio.sleep(0.3)
+        taken = await asyncio.wait_for(stage.newest(), 10.0)
+        assert taken.depth is not None
+        # The grid of the truth leaves 2.2 cm, twice, along either axis.
+        assert float(taken.depth.depth_m[24, 32]) == pytest.approx(2.0, abs=0.05)
+        ranges = {reading.beam: reading.range_m for reading in taken.ranges}
+        assert ranges[Beam.FRONT] == pytest.approx(2.0, abs=0.05)
+        assert ranges[Beam.DOWN] == pytest.approx(1.5, abs=0.01)
+        assert ranges[Beam.LEFT] == pytest.approx(5.0, abs=0.05)
+        wanted = {"ODOMETRY", "DISTANCE_SENSOR", "OBSTACLE_DISTANCE", "HEARTBEAT", "SET_GPS_GLOBAL_ORIGIN"}
+        await stage.until(lambda: wanted <= stage.autopilot.names())
+        odometry = [m for m in stage.autopilot.told if m.get_type() == "ODOMETRY"][-1]
+        assert (odometry.x, odometry.y, odometry.z) == pytest.approx((1.0, 0.0, -1.35), abs=0.05)
+        signal.raise_signal(signal.SIGTERM)
+
+    asyncio.run(stage.play(act))
+    assert len(stage.said) == 1, "one line at the start"
+    score = json.loads((tmp_path / "score.json").read_text())
+    assert score["ended_because"] == TERMINATED
+    assert score["contacts"] == 0
+    assert score["least_d_m"] == pytest.approx(2.0, abs=0.05)
+    assert score["path_length_m"] == pytest.approx(2.35, abs=0.15)
+    assert score["odometry_sent"] > 10
+    assert len((tmp_path / "trajectory.csv").read_text().splitlines()) > 10
+
+
+def test_a_contact_ends_it_where_that_was_asked_for(scene: Scene, tmp_path: Path) -> None:
+    """A test of a flight must not go on for minutes after the vehicle has hit the wall."""
+    stage = Stage(scene, stop_on_contact=True, score=tmp_path / "score.json")
+
+    async def act(stage: Stage) -> None:
+        await stage.until(lambda: stage.sink.take().depth is not None)
+        stage.autopilot.up_m = 1.35
+        await asyncio.sleep(0.5)
+        stage.autopilot.ahead_m = 2.8
+
+    asyncio.run(stage.play(act))
+    score = json.loads((tmp_path / "score.json").read_text())
+    assert (score["ended_because"], score["contacts"]) == (CONTACT, 1)
+
+
+def test_another_vehicle_on_the_port_moves_nothing(scene: Scene, tmp_path: Path) -> None:
+    """Two vehicles and a wrong port number: theirs is counted, ours is shown."""
+    stage = Stage(scene, score=tmp_path / "score.json")
+    other = FakeAutopilot(system_id=2)
+    other.ahead_m, other.up_m = 2.8, 1.35
+
+    async def act(stage: Stage) -> None:
+        task = asyncio.create_task(other.run(stage.port))
+        await stage.until(lambda: stage.sink.take().depth is not None)
+        await asyncio.sleep(0.5)
+        task.cancel()
+        stage.world.stop("done")
+
+    asyncio.run(stage.play(act))
+    score = json.loads((tmp_path / "score.json").read_text())
+    assert (score["ended_because"], score["contacts"], score["path_length_m"]) == ("done", 0, 0.0)
+    assert other.told == []
+
+
+def test_a_silent_simulator_is_a_silent_world(scene: Scene) -> None:
+    """No truth, no readings: repeating the last picture would tell a navigator that all is well."""
+    stage = Stage(scene)
+
+    async def act(stage: Stage) -> None:
+        await stage.until(lambda: stage.sink.take().depth is not None)
+        stage.autopilot.silent = True
+        await asyncio.sleep(0.3)
+        stage.sink.take()
+        await asyncio.sleep(0.5)
+        assert stage.sink.take() == Taken(None, (), None)
+        stage.world.stop("done")
+
+    asyncio.run(stage.play(act))
+
+
+def test_ports_that_are_taken_are_the_users_mistake(capsys: pytest.CaptureFixture[str]) -> None:
+    """One plain line with the option, before minutes of loading where that is possible."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        for arguments, said in (
+            (["--truth", "14560"], "--truth"),
+            (["--odometry", "odometry", "--truth-from", "local"], "--truth-from local"),
+            (["--odometry", "odometry", "--odometry-hz", "100"], "--truth-hz"),
+            (["--world", "room", "--truth", f"udp://127.0.0.1:{port}", "--stream", "tcp://127.0.0.1:0"], str(port)),
+        ):
+            with pytest.raises(SystemExit) as ended:
+                cli.main(["sitl", "world", *arguments])
+            assert ended.value.code == 2
+            assert said in capsys.readouterr().err
+
+
+def test_the_camera_of_the_stream_is_that_of_the_settings(scene: Scene) -> None:
+    """What is rendered and what the client is told must be one camera."""
+    stage = Stage(scene)
+
+    async def act(stage: Stage) -> None:
+        taken = await asyncio.wait_for(stage.newest(), 10.0)
+        assert taken.depth is not None
+        assert taken.depth.camera == SETTINGS.sensors.camera.model()
+        assert taken.depth.depth_m.dtype == np.float32
+        stage.world.stop("done")
+
+    asyncio.run(stage.play(act))
