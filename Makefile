@@ -26,7 +26,7 @@ test-flights: setup ## more whole flights over MAVLink, and other tests that `ma
 	@.venv/bin/pytest -n 2 -m "flight or long" $(ARGS)
 
 test-safety: setup ## the fault matrix: each fault in a flight towards a wall; options: ARGS="--help"
-	@.venv/bin/python -m tests.safety.matrix $(ARGS)
+	@.venv/bin/python -m validation.fault_matrix $(ARGS)
 
 mutants: ## change the gate in small ways, and print the changes that no test notices: tens of minutes; ARGS="--quick gate.gate"
 	@scripts/mutants $(ARGS)

@@ -1,1 +1,1 @@
-"""What is measured, and against what: each module is run as ``python -m bench.NAME``."""
+"""What is measured, and against what: each module is run as ``python -m bench.ROOM.NAME``."""

@@ -6,8 +6,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from companion.config.fleet import FleetSettings
-
 
 @dataclass(frozen=True, slots=True)
 class Report:
@@ -26,13 +24,17 @@ class Fleet:
     position, and so keeps its layer.
 
     Args:
-        settings: d_r, d_M and the age at which a report is stale.
         own_id: this vehicle's number.
+        group_range_m: d_r, vehicles nearer than this share a group.
+        tunnel_height_m: d_M, the least distance from ground to roof.
+        stale_after_s: the age from which on a report is stale.
     """
 
-    def __init__(self, settings: FleetSettings, own_id: int) -> None:
-        self._settings = settings
+    def __init__(self, own_id: int, *, group_range_m: float, tunnel_height_m: float, stale_after_s: float) -> None:
         self._own_id = own_id
+        self._group_range_m = group_range_m
+        self._tunnel_height_m = tunnel_height_m
+        self._stale_after_s = stale_after_s
         self._reports: dict[int, Report] = {}
         self._group: frozenset[int] = frozenset({own_id})
 
@@ -46,11 +48,11 @@ class Fleet:
     def group(self, t_s: float) -> frozenset[int]:
         """The vehicles connected with this one by chains of distances below d_r, silent members included."""
         positions = dict(self._reports)
-        near = connected(positions, self._own_id, self._settings.group_range_m)
+        near = connected(positions, self._own_id, self._group_range_m)
         silent = {
             vehicle_id
             for vehicle_id in self._group
-            if vehicle_id in positions and t_s - positions[vehicle_id].t_s > self._settings.stale_after_s
+            if vehicle_id in positions and t_s - positions[vehicle_id].t_s > self._stale_after_s
         }
         self._group = near | silent
         return self._group
@@ -60,7 +62,7 @@ class Fleet:
         group = self.group(t_s)
         if len(group) == 1:
             return alone_m
-        return layer_height_m(self._own_id, group, self._settings.tunnel_height_m)
+        return layer_height_m(self._own_id, group, self._tunnel_height_m)
 
 
 def connected(reports: Mapping[int, Report], start_id: int, range_m: float) -> frozenset[int]:

@@ -1,8 +1,8 @@
 """Exact depth images of a world, fast enough to fly many times faster than real time on one core.
 
 A z-buffer in numba: casting a ray for every pixel gives the same image and takes ten to a hundred times as long
-(``python -m bench.render``). The work is kept small by looking only at the chunks of the mesh that are within range and
-in view, and by writing rows of pixels in a loop that the compiler turns into vector instructions.
+(``python -m bench.flight.render``). The work is kept small by looking only at the chunks of the mesh that are within
+range and in view, and by writing rows of pixels in a loop that the compiler turns into vector instructions.
 """
 
 from __future__ import annotations

@@ -47,7 +47,12 @@ class Flight:
         self.navigator = self._explorer.navigator
         self.map = VoxelMap(settings.mapping)
         self.log = FlightLog(vehicle_id)
-        self.fleet = Fleet(settings.fleet, vehicle_id)
+        self.fleet = Fleet(
+            vehicle_id,
+            group_range_m=settings.fleet.group_range_m,
+            tunnel_height_m=settings.fleet.tunnel_height_m,
+            stale_after_s=settings.fleet.stale_after_s,
+        )
         self.measurement: Measurement | None = None
         self.touched = False
         self.blind_s = 0.0

@@ -8,7 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from tests.own_thread import OwnThread
+from tests.integration.own_thread import OwnThread
 
 FLOAT, INT32 = 9, 6
 FIRMWARE = {"px4": 12, "ardupilot": 3}

@@ -104,7 +104,7 @@ for arguments in (["--help"], ["config", "show"]):
         main(arguments)
     except SystemExit as ended:
         assert not ended.code, ended.code
-print(sorted({"numba", "open3d", "matplotlib", "sitl.sim.cli"} & set(sys.modules)), file=sys.stderr)
+print(sorted({"numba", "open3d", "matplotlib", "sitl.cli.sim"} & set(sys.modules)), file=sys.stderr)
 """
         done = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=True)
         assert done.stderr == "[]\n"

@@ -10,18 +10,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.config.fleet import FleetSettings
 from companion.control.fleet import Fleet, Report, connected, layer_height_m
 
 D_R, D_M, STALE_S = 4.0, 3.0, 1.0
 ALONE_M = 1.5
-SETTINGS = FleetSettings(group_range_m=D_R, tunnel_height_m=D_M, stale_after_s=STALE_S)
 
 ids = st.integers(1, 50)
 groups = st.frozensets(ids, min_size=1, max_size=20)
 across, up = st.floats(-6.0, 6.0), st.floats(0.0, 3.0)
 fleets = st.dictionaries(ids, st.builds(Report, st.just(0.0), across, across, up), min_size=2, max_size=10)
 """Vehicles in a space a few times as wide as d_r: alone, in pairs and in chains."""
+
+
+def lone(own_id: int) -> Fleet:
+    """What a vehicle knows of the others before it has heard any."""
+    return Fleet(own_id, group_range_m=D_R, tunnel_height_m=D_M, stale_after_s=STALE_S)
 
 
 def along(x_m: float, t_s: float = 0.0) -> Report:
@@ -31,7 +34,7 @@ def along(x_m: float, t_s: float = 0.0) -> Report:
 
 def fleet_of(own_id: int, places_m: dict[int, float], t_s: float = 0.0) -> Fleet:
     """What a vehicle knows that has heard all of them, itself included."""
-    fleet = Fleet(SETTINGS, own_id)
+    fleet = lone(own_id)
     for vehicle_id, x_m in places_m.items():
         fleet.heard(vehicle_id, along(x_m, t_s))
     return fleet
@@ -66,7 +69,7 @@ def test_all_members_agree_on_who_flies_above_whom(group: frozenset[int]) -> Non
 
 def test_a_vehicle_alone_keeps_its_height() -> None:
     """No layer without a reason: H of the settings while nobody is near, also before anything was heard."""
-    assert Fleet(SETTINGS, 1).height_m(0.0, ALONE_M) == ALONE_M
+    assert lone(1).height_m(0.0, ALONE_M) == ALONE_M
     assert fleet_of(1, {1: 0.0, 2: D_R}).height_m(0.0, ALONE_M) == ALONE_M
 
 
@@ -124,7 +127,7 @@ def test_groups_are_the_connected_components(reports: dict[int, Report]) -> None
     """Any set of places: each vehicle's group is its component, so that all its members have the same one."""
     found = components(reports)
     for own_id in reports:
-        fleet = Fleet(SETTINGS, own_id)
+        fleet = lone(own_id)
         for vehicle_id, report in reports.items():
             fleet.heard(vehicle_id, report)
         assert fleet.group(0.0) == in_one(found, own_id)
@@ -138,7 +141,7 @@ def test_vehicles_of_a_group_never_share_a_layer(reports: dict[int, Report]) -> 
             continue
         heights = []
         for own_id in sorted(component):
-            fleet = Fleet(SETTINGS, own_id)
+            fleet = lone(own_id)
             for vehicle_id, report in reports.items():
                 fleet.heard(vehicle_id, report)
             heights.append(fleet.height_m(0.0, ALONE_M))
@@ -220,7 +223,7 @@ def test_the_height_is_always_one_of_a_group_that_holds_the_vehicle(
     reports: list[tuple[int, Report]], times_s: list[float]
 ) -> None:
     """Whatever is heard in whatever order: finite, above the ground, below the roof, and 1 is always in its group."""
-    fleet = Fleet(SETTINGS, 1)
+    fleet = lone(1)
     for vehicle_id, report in reports:
         fleet.heard(vehicle_id, report)
         for t_s in times_s:

@@ -19,7 +19,7 @@ from companion.model import Pose
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
 from sitl.autopilot.wire import Decoder
-from tests.own_thread import OwnThread
+from tests.integration.own_thread import OwnThread
 
 LOOPBACK = "127.0.0.1"
 GROUND_STATION = (255, 190)

@@ -13,8 +13,8 @@ from companion.mavlink.firmware import ARDUCOPTER_BRAKE_MPS2, AutopilotKind
 from companion.safety_case.gate_plan import stopping_lines
 from sitl.launch.processes import Crew, FlightPlan
 from sitl.launch.settings import write_settings
-from tests.safety.matrix.faults import FAULTS
-from tests.safety.matrix.scene import write_config
+from validation.fault_matrix.faults import FAULTS
+from validation.fault_matrix.scene import write_config
 
 PX4, ARDUPILOT = AutopilotKind.PX4, AutopilotKind.ARDUPILOT
 ABOVE_MPS2 = ARDUCOPTER_BRAKE_MPS2 + 0.001

@@ -16,11 +16,11 @@ from typer.testing import CliRunner
 from companion.errors import InputError
 from companion.mavlink.codec import Encoder, Framer, decode
 from companion.mavlink.signing import Signer
-from sitl.autopilot.cli import autopilot
 from sitl.autopilot.endpoint import Endpoint
 from sitl.autopilot.signing import Signing
-from tests.sitl.autopilot.test_cli import START
+from sitl.cli.autopilot import autopilot
 from tests.sitl.autopilot.test_endpoint import LOOPBACK, served
+from tests.sitl.cli.test_autopilot import START
 
 KEY, OTHER = bytes(range(1, 33)), bytes(range(2, 34))
 ASK = 31_999

@@ -1,0 +1,1 @@
+"""The flight: control ticks, rendering, and whole missions."""

@@ -1,0 +1,133 @@
+"""Whole missions, many seeds: how complete, how near to the walls, how fast. One line a world, the worst in it.
+
+python -m bench.flight.missions                                       # flight: six worlds, 20 seeds each
+python -m bench.flight.missions --preset table_i --seeds 5
+python -m bench.flight.missions --worlds complex --vehicles 3
+python -m bench.flight.missions --worlds path/to/mine.ply --seeds 1
+"""
+
+from __future__ import annotations
+
+import statistics
+import sys
+from argparse import Namespace
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+
+from bench.table import Row, parser, show, write
+
+WORLDS = ("complex", "slope", "room", "random:1", "random:2", "random:3")
+
+
+def mission(world: str, seed: int, preset: str, vehicles: int, limit_s: float, camera: tuple[int, int, float]) -> Row:
+    """Fly one mission and return its summary."""
+    from companion.config.load import load_settings
+    from sitl.mines import load_world
+    from sitl.sim.simulation import Simulation
+
+    settings = load_settings(None, preset)
+    width_px, height_px, rate_hz = camera
+    if width_px:
+        seen = settings.sensors.camera.model_copy(
+            update={"width_px": width_px, "height_px": height_px, "rate_hz": rate_hz}
+        )
+        sensors = settings.sensors.model_copy(update={"camera": seen})
+        settings = settings.model_copy(update={"sensors": sensors})
+    simulation = Simulation(load_world(world, seed), settings, seed, vehicles)
+    simulation.run(limit_s)
+    return {"preset": preset, **simulation.score()}
+
+
+def flown(arguments: Namespace) -> Iterator[Row]:
+    """Every mission that was asked for, as they end."""
+    with ProcessPoolExecutor(arguments.jobs) as pool:
+        jobs = {
+            pool.submit(
+                mission,
+                world,
+                seed,
+                arguments.preset,
+                arguments.vehicles,
+                arguments.time_limit,
+                arguments.camera,
+            ): (world, seed)
+            for seed in range(1, arguments.seeds + 1)
+            for world in arguments.worlds.split(",")
+        }
+        for done, job in enumerate(as_completed(jobs), start=1):
+            row = job.result()
+            print(
+                f"{done}/{len(jobs)} {row['world']} seed {row['seed']}: {row['ended_because']}, "
+                f"completeness {row['completeness']}, least d {row['least_d_m']}",
+                file=sys.stderr,
+                flush=True,
+            )
+            yield row
+
+
+def summary(world: str, rows: list[Row], critical_margin_m: float) -> Row:
+    """One line of the table: worst values first, since the worst flight is what counts."""
+    times = [float(str(row["completed_at_s"])) for row in rows if row["completed_at_s"] is not None]
+    least = [float(str(row["least_d_m"])) for row in rows]
+    low = [float(str(row["time_below_d_s_minus_15cm_fraction"])) for row in rows]
+    time_s = [float(str(row["sim_time_s"])) for row in rows]
+    line: Row = {
+        "world": world,
+        "missions": len(rows),
+        "complete": sum(row["ended_because"] == "complete" for row in rows),
+        "contacts": sum(int(str(row["contacts"])) for row in rows),
+        "least compl.": min(float(str(row["completeness"])) for row in rows),
+        "least d, m": min(least),
+        "below d_c": sum(d < critical_margin_m for d in least),
+        "worst low share": max(low),
+        "low share": sum(share * t for share, t in zip(low, time_s, strict=True)) / sum(time_s),
+        "t_f median, s": statistics.median(times) if times else None,
+        "t_f worst, s": max(times) if times else None,
+        "precision": statistics.median(float(str(row["precision"])) for row in rows),
+        "accuracy, m": statistics.median(float(str(row["accuracy_m"])) for row in rows),
+        "x real time": statistics.median(float(str(row["times_real_time"])) for row in rows),
+    }
+    apart = [row["least_distance_between_vehicles_m"] for row in rows]
+    if any(value is not None for value in apart):
+        line["least apart, m"] = min(float(str(value)) for value in apart if value is not None)
+    return line
+
+
+def main() -> None:
+    """Fly, print the table, write the summaries of all missions."""
+    made = parser(__doc__)
+    made.add_argument("--preset", default="flight")
+    made.add_argument("--worlds", default=",".join(WORLDS), help="names or mesh files, separated by commas")
+    made.add_argument("--seeds", type=int, default=20, help="seeds 1 to N in each world")
+    made.add_argument("--vehicles", type=int, default=1)
+    made.add_argument("--time-limit", type=float, default=3600.0, help="simulated seconds")
+    made.add_argument("--jobs", type=int, default=2, help="missions at a time")
+    made.add_argument("--camera", type=_camera, default=(0, 0, 0.0), help="WIDTHxHEIGHT@HZ; else the preset's")
+    arguments = made.parse_args()
+    from companion.config.load import load_settings
+
+    critical_margin_m = load_settings(None, arguments.preset).control.critical_margin_m
+    rows: list[Row] = []
+    for row in flown(arguments):
+        rows.append(row)
+        if arguments.json is not None:
+            # Hours may go by: what has been flown is kept from now on.
+            write(rows, arguments.json)
+    rows.sort(key=lambda row: (str(row["world"]), int(str(row["seed"]))))
+    worlds = dict.fromkeys(str(row["world"]) for row in rows)
+    lines = [summary(world, [row for row in rows if row["world"] == world], critical_margin_m) for world in worlds]
+    print(f"preset {arguments.preset}, {arguments.vehicles} vehicle(s), camera {rows[0]['camera']}")
+    print("low share: of the time below d_s - 0.15 m; below d_c: missions that ever were")
+    show(lines, max((list(line) for line in lines), key=len))
+    if arguments.json is not None:
+        write(rows, arguments.json)
+
+
+def _camera(text: str) -> tuple[int, int, float]:
+    size, _, rate = text.partition("@")
+    width, _, height = size.partition("x")
+    return int(width), int(height), float(rate)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""The gate: its delay, its processor time and its memory."""

@@ -1,0 +1,1 @@
+"""What people type to fly without hardware: `companion sim` and `companion sitl`."""

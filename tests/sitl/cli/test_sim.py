@@ -1,0 +1,419 @@
+"""The command `companion sim`: what it writes, how it ends, and that it leaves nothing behind when it fails."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+
+from companion.cli import main as cli
+from companion.config.load import load_settings
+from sitl.cli import sim as sim_cli
+from sitl.report import run_folder
+from sitl.sim import simulation as simulation_module
+from sitl.sim.flight_log import COLUMNS
+from tests.sitl.scene.test_raycast import box
+
+COMPANION = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background is started with SIGINT ignored
+from companion.cli.main import main
+main()
+"""
+QUICK = """
+sensors:
+  camera: {width_px: 64, height_px: 48}
+mapping: {voxel_m: 0.3}
+"""
+MAP_FILES = {"map.ply", "map.pcd", "map.bt", "map.laz", "map.journal"}
+FILES = MAP_FILES | {"trajectory.csv", "summary.json", "report.html", "settings.yaml", "overview.png"}
+SUMMARY = {
+    "world", "seed", "preset", "completeness", "precision", "accuracy_m", "completed_at_s", "sim_time_s", "wall_time_s",
+    "times_real_time", "path_length_m", "contacts", "least_d_m", "time_below_d_s_fraction", "mode_changes", "draws",
+    "ended_because", "versions",
+}  # fmt: skip
+"""What whoever compares runs relies on."""
+
+LIMIT_S = 6.0
+
+
+@dataclass(frozen=True)
+class Done:
+    """One command that has ended."""
+
+    code: int
+    out: str
+    err: str
+    folder: Path
+
+    @property
+    def summary(self) -> dict[str, object]:
+        """The content of summary.json, which holds nothing that is not JSON."""
+
+        def refuse(constant: str) -> None:
+            raise AssertionError(constant)
+
+        text = (self.folder / "summary.json").read_text(encoding="utf-8")
+        content: dict[str, object] = json.loads(text, parse_constant=refuse)
+        return content
+
+    @property
+    def files(self) -> set[str]:
+        """Everything in the folder, hidden files too."""
+        return {path.name for path in self.folder.iterdir()}
+
+
+def fly(place: Path, *arguments: str) -> Done:
+    """Runs `companion sim` in this process, with the quick settings and the folder ``place``/flight."""
+    config = place / "quick.yaml"
+    config.write_text(QUICK, encoding="utf-8")
+    folder = place / "flight"
+    given = ["--config", str(config)] if "--config" not in arguments else []
+    given += ["--out", str(folder)] if "--out" not in arguments else []
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), pytest.raises(SystemExit) as ended:
+        cli.main(["sim", *given, *arguments])
+    return Done(int(ended.value.code or 0), out.getvalue(), err.getvalue(), folder)
+
+
+def left_in(place: Path) -> set[str]:
+    """What is in a folder but for the settings that the test has put there."""
+    return {path.name for path in place.iterdir()} - {"quick.yaml"}
+
+
+def shorten(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drawing takes seconds: where the report is not what the test is about, it is a word."""
+    monkeypatch.setattr(run_folder, "write_report", lambda path, _: path.write_text("report", encoding="utf-8"))
+    monkeypatch.setattr(run_folder, "overview_png", lambda _: b"picture")
+
+
+@pytest.fixture
+def short_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    shorten(monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory: pytest.TempPathFactory) -> Done:
+    """A few seconds in the room, ended by the time limit."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        shorten(monkeypatch)
+        return fly(tmp_path_factory.mktemp("sim"), "--world", "room", "--seed", "4", "--time-limit", str(LIMIT_S))
+
+
+class TestFolder:
+    """What a flight brings home."""
+
+    def test_everything_is_there_and_nothing_else(self, flight: Done) -> None:
+        """Protects the promise of the command; the folder can be read by others, and no partial one is beside it."""
+        assert flight.files == FILES
+        assert all((flight.folder / name).stat().st_size > 0 for name in FILES)
+        assert left_in(flight.folder.parent) == {"flight"}
+        assert flight.folder.stat().st_mode & 0o777 == 0o755
+
+    def test_the_summary_has_every_figure(self, flight: Done) -> None:
+        """Protects whoever reads summary.json: the keys, and that what is not known is null and not NaN."""
+        summary = flight.summary
+        assert summary.keys() >= SUMMARY
+        assert (summary["world"], summary["seed"], summary["preset"]) == ("room", 4, "flight")
+        assert summary["ended_because"] == "time limit"
+        assert summary["completed_at_s"] is None
+        assert summary["contacts"] == 0
+        assert LIMIT_S - 0.001 <= float(str(summary["sim_time_s"])) <= LIMIT_S + 0.05 + 0.001
+        for name in ("completeness", "precision", "time_below_d_s_fraction"):
+            assert 0.0 <= float(str(summary[name])) <= 1.0, name
+        assert isinstance(summary["versions"], dict)
+
+    def test_all_maps_hold_the_same_points(self, flight: Done) -> None:
+        """Protects the map files from being partial or of different maps."""
+        voxels = flight.summary["occupied_voxels"]
+        assert isinstance(voxels, int)
+        assert voxels > 100
+        assert f"element vertex {voxels}\n".encode() in (flight.folder / "map.ply").read_bytes()[:2000]
+        assert f"POINTS {voxels}\n".encode() in (flight.folder / "map.pcd").read_bytes()[:2000]
+        with laspy.open(flight.folder / "map.laz") as las:
+            assert las.header.point_count == voxels
+        assert (flight.folder / "map.bt").read_bytes().startswith(b"# Octomap OcTree binary file")
+
+    def test_the_trajectory_has_every_tick(self, flight: Done) -> None:
+        """Protects the record of the flight, the true distances included."""
+        lines = (flight.folder / "trajectory.csv").read_text(encoding="utf-8").splitlines()
+        assert len(lines) == 1 + round(float(str(flight.summary["sim_time_s"])) / 0.05)
+        heading, first = lines[0].split(","), lines[1].split(",")
+        assert heading == ["t_s", "mode", *COLUMNS[1:]]
+        assert float(first[heading.index("true_d_m")]) > 0.0
+
+    def test_the_settings_fly_the_same_mission_again(self, flight: Done) -> None:
+        """Protects repeatability: settings.yaml holds every setting, with those of the user's file in it."""
+        again = load_settings(flight.folder / "settings.yaml")
+        assert again == load_settings(flight.folder.parent / "quick.yaml")
+        assert again.sensors.camera.width_px == 64
+
+    def test_it_says_what_happened_and_where_to_look(self, flight: Done) -> None:
+        """Protects the last lines on the screen: the end, the map, and the path of the report as it will be."""
+        assert "time limit" in flight.out
+        assert f"look at: {flight.folder / 'report.html'}" in flight.out
+        assert "\x1b" not in flight.out
+
+
+@pytest.mark.usefixtures("short_report")
+class TestEnd:
+    """Exit codes of missions that flew."""
+
+    def test_a_time_limit_is_a_failure(self, flight: Done) -> None:
+        """Protects scripts: the code is 1, with one line about why and how much of the map there is."""
+        assert flight.code == 1
+        assert flight.err.count("\n") == 1
+        assert "time limit" in flight.err
+        assert f"{float(str(flight.summary['completeness'])):.1%}" in flight.err
+
+    def test_a_complete_map_is_a_success(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Protects scripts: the code is 0 and nothing is complained of. Complete is taken for 20 % here, for speed."""
+        monkeypatch.setattr(simulation_module, "COMPLETE_SHARE", 0.2)
+        done = fly(tmp_path, "--world", "room", "--time-limit", "120")
+        assert (done.code, done.err) == (0, "")
+        assert done.summary["ended_because"] == "complete"
+        assert done.summary["completed_at_s"] == done.summary["sim_time_s"]
+
+    def test_a_contact_is_a_failure(self, tmp_path: Path) -> None:
+        """Protects scripts: a crash is never a success, and its record is kept."""
+        fast = tmp_path / "fast.yaml"
+        fast.write_text(
+            "control: {speed_mps: 3, max_yaw_rate_radps: 0.1, law: paper, speed_law: paper,\n"
+            "  allow_turning_radius_above_margin: true}\nsim: {dynamics: {command_latency_s: 1}}\n" + QUICK.strip(),
+            encoding="utf-8",
+        )
+        done = fly(tmp_path, "--world", "room", "--config", str(fast), "--time-limit", "60")
+        assert done.code == 1
+        assert "contact" in done.err
+        assert (done.summary["contacts"], done.summary["config"]) == (1, str(fast))
+        assert done.files == FILES
+
+    def test_several_vehicles_have_a_trajectory_each(self, tmp_path: Path) -> None:
+        """Protects the records of a fleet from overwriting each other."""
+        done = fly(tmp_path, "--world", "room", "--vehicles", "2", "--time-limit", "0.5")
+        assert done.code == 1
+        assert done.files == FILES - {"trajectory.csv"} | {"trajectory-1.csv", "trajectory-2.csv"}
+        assert done.summary["vehicles"] == 2
+
+    def test_a_mesh_of_the_user(self, tmp_path: Path) -> None:
+        """Protects flights in scanned mines: mesh and start are given by hand, a preset by its name."""
+        mesh = off_file(tmp_path / "hall.off", box((0.0, 0.0, 0.0), (8.0, 8.0, 3.0)))
+        done = fly(tmp_path, "--world", str(mesh), "--start", "3", "4", "1.5", "0.5", "--preset", "table_i",
+                   "--time-limit", "0.5")  # fmt: skip
+        assert (done.code, done.summary["world"], done.summary["preset"]) == (1, "hall", "table_i")
+        heading, first = ((done.folder / "trajectory.csv").read_text(encoding="utf-8").splitlines()[i] for i in (0, 1))
+        row = dict(zip(heading.split(","), first.split(","), strict=True))
+        assert [float(row[name]) for name in ("x_m", "y_m", "z_m", "yaw_rad")] == [3.0, 4.0, 1.5, 0.5]
+
+
+def off_file(path: Path, world: object) -> Path:
+    """The mesh of a world as an OFF file."""
+    vertices, triangles = getattr(world, "vertices_m"), getattr(world, "triangles")  # noqa: B009
+    lines = ["OFF", f"{len(vertices)} {len(triangles)} 0"]
+    lines += [" ".join(f"{x:g}" for x in vertex) for vertex in vertices.tolist()]
+    lines += [" ".join(map(str, [3, *triangle])) for triangle in triangles.tolist()]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+class TestWrongInput:
+    """Exit code 2, one message, nothing left."""
+
+    def refused(self, place: Path, *arguments: str) -> str:
+        """The one message; beside it nothing may have been said, and nothing may be left that was not there before."""
+        before = left_in(place)
+        done = fly(place, *arguments)
+        assert done.code == 2, done.err
+        assert done.out == ""
+        assert left_in(place) == before
+        assert done.err.count("\n") == 1, done.err
+        assert "Traceback" not in done.err
+        return done.err
+
+    def test_an_unknown_world(self, tmp_path: Path) -> None:
+        """Protects from a typing error: the message names the worlds that there are."""
+        said = self.refused(tmp_path, "--world", "rom")
+        assert "world rom" in said
+        assert "room" in said
+
+    @pytest.mark.parametrize("name", ["missing.ply", "text.ply", "text.stl", "text.pdf", "empty.obj"])
+    def test_a_mesh_that_is_none(self, tmp_path: Path, name: str) -> None:
+        """Protects from files that are missing, empty, damaged or of another kind; the message names the file."""
+        if name != "missing.ply":
+            (tmp_path / name).write_text("" if "empty" in name else "this is no mesh\n", encoding="utf-8")
+        assert name in self.refused(tmp_path, "--world", str(tmp_path / name), "--start", "0", "0", "1.5", "0")
+
+    @pytest.mark.parametrize("start", [("-1", "1.8", "1.5", "0"), ("2", "0.1", "1.5", "0"), ("2", "1.8", "nan", "0")])
+    def test_a_start_inside_a_wall(self, tmp_path: Path, start: tuple[str, ...]) -> None:
+        """Protects from a mission that begins in rock, or nowhere."""
+        assert "start" in self.refused(tmp_path, "--world", "room", "--start", *start)
+
+    def test_a_folder_with_something_in_it(self, tmp_path: Path) -> None:
+        """Protects what is there: an earlier flight is never overwritten or mixed with a new one."""
+        (tmp_path / "flight").mkdir()
+        (tmp_path / "flight" / "summary.json").write_text("old", encoding="utf-8")
+        assert "exists already" in self.refused(tmp_path, "--world", "room")
+        assert (tmp_path / "flight" / "summary.json").read_text(encoding="utf-8") == "old"
+        assert {path.name for path in (tmp_path / "flight").iterdir()} == {"summary.json"}
+
+    def test_a_file_in_the_place_of_the_folder(self, tmp_path: Path) -> None:
+        """Protects a file of that name."""
+        (tmp_path / "flight").write_text("mine", encoding="utf-8")
+        assert "exists already" in self.refused(tmp_path, "--world", "room")
+        assert (tmp_path / "flight").read_text(encoding="utf-8") == "mine"
+
+    def test_a_folder_below_a_file(self, tmp_path: Path) -> None:
+        """Protects from learning after an hour that nothing can be written there."""
+        (tmp_path / "file").write_text("mine", encoding="utf-8")
+        assert "--out" in self.refused(tmp_path, "--world", "room", "--out", str(tmp_path / "file" / "flight"))
+
+    @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+    def test_a_folder_that_may_not_be_written(self, tmp_path: Path) -> None:
+        """Protects from learning it after an hour."""
+        (tmp_path / "locked").mkdir(mode=0o555)
+        assert "--out" in self.refused(tmp_path, "--world", "room", "--out", str(tmp_path / "locked" / "flight"))
+
+    @pytest.mark.parametrize("limit", ["0", "-1", "nan", "inf"])
+    def test_a_time_limit_that_is_none(self, tmp_path: Path, limit: str) -> None:
+        """Protects from missions that end at once, or never."""
+        assert f"--time-limit {limit}" in self.refused(tmp_path, "--world", "room", "--time-limit", limit)
+
+    def test_too_many_vehicles(self, tmp_path: Path) -> None:
+        """Protects the height layers of law (11): more vehicles than they have room for must be configured first."""
+        said = self.refused(tmp_path, "--world", "room", "--vehicles", "9")
+        assert "--vehicles 9" in said
+        assert "fleet.largest_group" in said
+
+    @pytest.mark.parametrize("config", ["missing.yaml", "bad.yaml"])
+    def test_settings_that_cannot_be_used(self, tmp_path: Path, config: str) -> None:
+        """Protects from flying with other settings than the user's."""
+        (tmp_path / "bad.yaml").write_text("control: {margin_m: -1}\n", encoding="utf-8")
+        assert config in self.refused(tmp_path, "--world", "room", "--config", str(tmp_path / config))
+
+    @pytest.mark.parametrize(
+        "arguments", [["--vehicles", "0"], ["--seed", "-1"], ["--start", "1", "2"], ["--wrld", "x"]]
+    )
+    def test_wrong_usage(self, tmp_path: Path, arguments: list[str]) -> None:
+        """Protects from arguments that mean nothing: the message names the one that is wrong."""
+        done = fly(tmp_path, *arguments)
+        assert done.code == 2
+        assert arguments[0] in done.err
+        assert left_in(tmp_path) == set()
+
+
+class TestInterrupted:
+    """Ctrl-C, and failures on the way."""
+
+    def test_ctrl_c_in_flight_keeps_what_is_mapped(self, tmp_path: Path) -> None:
+        """Protects an hour of flight: SIGINT to a real process ends with 130, and all files are whole, report too."""
+        (tmp_path / "quick.yaml").write_text(QUICK, encoding="utf-8")
+        command = [
+            *(sys.executable, "-c", COMPANION, "sim", "--world", "room", "--config", "quick.yaml", "--out", "flight"),
+            *("--time-limit", "3000"),
+        ]
+        with subprocess.Popen(
+            command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        ) as process:
+            assert process.stdout is not None
+            for line in process.stdout:
+                if "times real time" in line:
+                    process.send_signal(signal.SIGINT)
+                    break
+            out, err = process.communicate(timeout=60)
+        done = Done(process.returncode, out, err, tmp_path / "flight")
+        assert done.code == 130
+        assert "Traceback" not in done.err
+        assert done.files == FILES
+        assert done.summary["ended_because"] == "stopped by the user"
+        assert left_in(tmp_path) == {"flight"}
+        report = (done.folder / "report.html").read_text(encoding="utf-8").strip()
+        assert report.lower().startswith("<!doctype html>")
+        assert report.lower().endswith("</html>")
+        assert "room, seed 1" in report
+        png = (done.folder / "overview.png").read_bytes()
+        assert png.startswith(b"\x89PNG")
+        assert b"IEND" in png[-12:]
+
+    @pytest.mark.parametrize("moment", ["load_world", "Simulation", "write_run"])
+    def test_ctrl_c_before_and_after_leaves_nothing(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str
+    ) -> None:
+        """Protects from half a folder: interrupted while preparing or writing, it ends with 130 and there is none."""
+
+        def interrupted(*_arguments: object, **_named: object) -> None:
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(sim_cli, moment, interrupted)
+        done = fly(tmp_path, "--world", "room", "--time-limit", "0.1")
+        assert done.code == 130
+        assert "Traceback" not in done.err
+        assert left_in(tmp_path) == set()
+
+    def test_a_failure_while_writing_leaves_nothing(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Protects from folders that look whole: a bug keeps its traceback, and leaves no folder behind."""
+
+        def broken(*_arguments: object) -> None:
+            raise ZeroDivisionError
+
+        monkeypatch.setattr(run_folder, "write_report", broken)
+        with pytest.raises(ZeroDivisionError):
+            fly(tmp_path, "--world", "room", "--time-limit", "0.1")
+        assert left_in(tmp_path) == set()
+
+
+class TestNewFolder:
+    """Where the files go."""
+
+    def test_an_empty_folder_may_be_used(self, tmp_path: Path) -> None:
+        """Protects whoever makes the folder first."""
+        (tmp_path / "flight").mkdir()
+        with run_folder.new_folder(tmp_path / "flight") as folder:
+            (folder / "file").write_text("new", encoding="utf-8")
+        assert (tmp_path / "flight" / "file").read_text(encoding="utf-8") == "new"
+        assert left_in(tmp_path) == {"flight"}
+
+    def test_folders_above_are_made(self, tmp_path: Path) -> None:
+        """Protects the default, a folder below runs/ that may not be there yet."""
+        with run_folder.new_folder(tmp_path / "runs" / "a") as folder:
+            (folder / "file").touch()
+        assert (tmp_path / "runs" / "a" / "file").exists()
+
+    def test_the_name_appears_only_when_it_is_whole(self, tmp_path: Path) -> None:
+        """Protects whoever waits for the folder."""
+        with run_folder.new_folder(tmp_path / "flight"):
+            assert not (tmp_path / "flight").exists()
+        assert (tmp_path / "flight").is_dir()
+
+    def test_the_present_folder_may_be_meant(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Protects `--out .` in an empty folder: refused before the flight or filled after it, never lost."""
+        monkeypatch.chdir(tmp_path)
+        with run_folder.new_folder(Path()) as folder:
+            (folder / "file").touch()
+        assert (tmp_path / "file").exists()
+
+    def test_a_link_to_an_empty_folder_may_be_meant(self, tmp_path: Path) -> None:
+        """Protects a link to another disk: refused before the flight or filled after it, never lost."""
+        (tmp_path / "disk").mkdir()
+        (tmp_path / "flight").symlink_to(tmp_path / "disk", target_is_directory=True)
+        with run_folder.new_folder(tmp_path / "flight") as folder:
+            (folder / "file").touch()
+        assert (tmp_path / "flight" / "file").exists()
+
+    def test_the_default_name_says_what_was_flown(self) -> None:
+        """Protects the list of runs: sorted by time, with world and seed, and a name for every file system."""
+        assert run_folder.default_folder("random:7", 3).name.endswith("-random-7-3")
+        named = run_folder.default_folder("worlds/my mine.ply", 1)
+        assert named.parent == Path("runs")
+        assert named.name.endswith("-my mine-1")
+        assert ":" not in str(named)
+        assert np.char.isdigit(named.name[:8])

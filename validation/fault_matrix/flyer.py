@@ -1,0 +1,109 @@
+"""The application of the matrix: the real one, with a navigator that only flies straight ahead.
+
+    python -m validation.fault_matrix.flyer --control PORT [--wait] run --settings-fd N ...
+
+Everything after that is for `companion.flight`. At the port it listens for the faults of `flyer_faults`; with
+`--wait` it loads everything and then waits there for the word to go.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+
+import numpy as np
+import typer
+
+from companion import pipeline as explorer
+from companion.config.settings import Settings
+from companion.control import Parameters, laws
+from companion.control.governor import braking_speed_mps
+from companion.control.navigator import Status
+from companion.control.ramp import Ramp
+from companion.flight import __main__ as flight_process
+from companion.flight.launch import unsealed
+from companion.flight.warm_up import warm_up
+from companion.model import Measurement, Mode, Pose, Setpoint, wrap_rad
+from validation.fault_matrix.flyer_faults import FAULTS, install
+
+YAW_GAIN_PER_S = 1.0
+MOST_YAW_RATE_RADPS = 0.3
+LOADED = "flyer: loaded"
+GO_S = 300.0
+
+
+class Straight:
+    """In the place of `companion.control.Navigator`: ahead until the governor's braking room is used up.
+
+    Law (12) and the part of the governor that brakes, as flown. The part that slows down for turns is left out: this
+    one never turns, so that it is faster near the wall than any flight of the navigator.
+
+    Args:
+        parameters: the law's settings.
+        rng: not used.
+    """
+
+    def __init__(self, parameters: Parameters, rng: np.random.Generator) -> None:  # noqa: ARG002 - as the navigator has it
+        self.parameters = parameters
+        self.height_m = parameters.height_m
+        self._heading_rad: float | None = None
+        self._mode = Mode.HOLD
+        self._ramp = Ramp(parameters.max_accel_mps2, parameters.period_s)
+
+    @property
+    def status(self) -> Status:
+        """What it is doing now."""
+        return Status(self._mode, 1, None, 0, 0, 0, 0)
+
+    def step(self, measurement: Measurement, pose: Pose, t_s: float) -> Setpoint:
+        """One sampling period; whatever is missing stops the vehicle."""
+        FAULTS.tick()
+        parameters = self.parameters
+        finite = pose.is_finite_in_plane
+        h_m = measurement.h_m
+        climb_mps = 0.0
+        if h_m is not None and math.isfinite(h_m):
+            climb_mps = laws.climb_mps(self.height_m, h_m, measurement.roof_m, 0.0, parameters)
+        if (measurement.missing or measurement.scan is None or not finite) and not FAULTS.careless:
+            self._mode = Mode.HOLD
+            return self._ramp.limit(Setpoint(t_s, 0.0, climb_mps, 0.0))
+        self._mode = Mode.BOUNDARY
+        if self._heading_rad is None:
+            self._heading_rad = pose.yaw_rad
+        speed_mps = laws.speed_mps(Mode.BOUNDARY, measurement.d_front_m, parameters)
+        governor = parameters.governor
+        room_m = measurement.ahead_m - parameters.critical_margin_m
+        if FAULTS.careless:
+            speed_mps = parameters.speed_mps
+        elif room_m <= 0.0 or not math.isfinite(speed_mps):
+            speed_mps = 0.0
+        else:
+            braking_mps = braking_speed_mps(room_m, governor.reaction_s, governor.brake_mps2)
+            speed_mps = min(speed_mps, max(governor.least_speed_mps, braking_mps))
+        turn_rad = wrap_rad(self._heading_rad - pose.yaw_rad)
+        yaw_rate_radps = max(-MOST_YAW_RATE_RADPS, min(MOST_YAW_RATE_RADPS, YAW_GAIN_PER_S * turn_rad))
+        return self._ramp.limit(Setpoint(t_s, speed_mps, climb_mps, yaw_rate_radps))
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Fly as told by the gate; the exit code of the application."""
+    parser = argparse.ArgumentParser(prog="validation.fault_matrix.flyer", allow_abbrev=False)
+    parser.add_argument("--control", type=int, required=True)
+    parser.add_argument("--wait", action="store_true")
+    given, rest = parser.parse_known_args(arguments)
+    setattr(explorer, "Navigator", Straight)  # noqa: B010 - a plain assignment is none that types allow
+    install(given.control)
+    settings = Settings.model_validate_json(unsealed(int(rest[rest.index("--settings-fd") + 1])), strict=True)
+    # What `process_faults` changes in the file.
+    typer.echo(f"flyer: speed {settings.control.speed_mps:g} m/s")
+    if given.wait:
+        warm_up(settings)
+        typer.echo(LOADED)
+        FAULTS.go.wait(GO_S)
+    return flight_process.main(rest)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))

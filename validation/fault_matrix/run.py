@@ -1,0 +1,102 @@
+"""Fly one cell of the matrix."""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+import os
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from companion.config.settings import Settings
+from validation.fault_matrix.faults import BY_NAME
+from validation.fault_matrix.injection import Injection
+from validation.fault_matrix.outcome import Outcome, judged
+from validation.fault_matrix.scene import Flight, SceneError, approach, flying
+
+ATTEMPTS = 3
+"""A flight that shows nothing, on a computer that is busy with others, is flown once more."""
+
+PR_SET_PDEATHSIG = 1
+
+
+class StoodStillError(SceneError):
+    """The computer did not run the gate, the autopilot or the wires: what followed says nothing of the gate."""
+
+
+def end_with_parent() -> None:
+    """However this process ends, or the one that started it: the processes of a flight end with it."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, int(signal.SIGTERM))
+
+
+def fly_in_pool(name: str, personality: str, parent: Path | None) -> Outcome:
+    """`fly`, in a process that `end_with_parent` prepared."""
+    try:
+        return fly(name, personality, parent)
+    except SystemExit:
+        # A pool takes the end of a process for the result of a call, and would wait for the next.
+        os._exit(1)
+
+
+def fly(name: str, personality: str, parent: Path | None = None) -> Outcome:
+    """One fault with one personality.
+
+    Args:
+        name: of the fault.
+        personality: px4 or ardupilot.
+        parent: where the flight's folder goes, and stays; None: it is deleted.
+
+    Raises:
+        SceneError: it never came as far as the fault, or the computer stood still each time.
+    """
+    injection = BY_NAME[name]
+    for attempt in range(1, ATTEMPTS + 1):
+        folder = Path(tempfile.mkdtemp(prefix=f"{name.replace(' ', '-')}-{personality}-", dir=parent))
+        try:
+            return dataclasses.replace(_fly(injection, personality, folder), attempts=attempt)
+        except SceneError:
+            if attempt == ATTEMPTS:
+                raise
+        finally:
+            if parent is None:
+                shutil.rmtree(folder, ignore_errors=True)
+    raise AssertionError("there is always a last attempt")
+
+
+def _fly(injection: Injection, personality: str, folder: Path) -> Outcome:
+    with flying(folder, personality, injection.settings) as flight:
+        approach(flight, injection.trigger_m)
+        if injection.careless:
+            flight.tell_flyer("careless")
+        fault_s = time.monotonic()
+        injection.inject(flight)
+        time.sleep(max(0.0, fault_s + injection.watch_s - time.monotonic()))
+        end_s = time.monotonic()
+        verified = None if injection.verify is None else injection.verify(flight)
+        if injection.undo is not None:
+            injection.undo(flight)
+    stood_s = stood_still(flight, fault_s, end_s)
+    return dataclasses.replace(judged(flight, injection, fault_s, end_s, verified), stood_still_s=stood_s)
+
+
+def patience_s(settings: Settings) -> float:
+    """A wait that the gate cannot make good: a zero was just due, and one more may be, before the autopilot acts."""
+    return settings.autopilot.silence_s - 2.0 * settings.control.period_s
+
+
+def stood_still(flight: Flight, since_s: float, until_s: float) -> float:
+    """How long anybody had to wait for a processor between two moments of `time.monotonic`, in s.
+
+    Raises:
+        StoodStillError: for longer than the autopilot waits for setpoints.
+    """
+    longest = flight.standstill.longest(since_s, until_s)
+    limit_s = patience_s(flight.settings)
+    if longest.lasted_s > limit_s:
+        raise StoodStillError(f"the computer stood still for longer than {limit_s:g} s: {longest}")
+    return longest.lasted_s

@@ -1,0 +1,304 @@
+"""One flight of the matrix: the processes, started and ended, and everything that a fault may lay its hands on."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from companion.config.settings import Settings
+from companion.errors import CompanionError
+from companion.flight.launch import module, sealed
+from companion.gate.plan import Plan
+from companion.safety_case.gate_plan import to_plan
+from sitl.launch.processes import command, environment, free_tcp_port, free_udp_ports
+from sitl.launch.settings import Sections, write_settings
+from tests.integration.relay import UdpRelay
+from tests.integration.rig import BOOT_S, SILENCE
+from tests.integration.witness import Witness, speed_mps
+from validation.fault_matrix.corridor import TO_WALL_M, corridor
+from validation.fault_matrix.processes import children, map_process
+from validation.fault_matrix.standstill import Standstill
+from validation.fault_matrix.stream_relay import StreamRelay
+
+LOOPBACK = "127.0.0.1"
+ROOT = Path(__file__).parents[2]
+START_S = 150.0
+"""Until it explores: on a computer that has never flown everything is compiled first."""
+REACH_S = 40.0
+"""Until it is near the wall."""
+LOOK_S = 0.01
+"""Half a centimetre of the way."""
+LEAST_MPS = 0.3
+"""Slower than this it does not fly towards the wall, or has been stopped for something else."""
+NICENESS, HARDWARE_NICENESS = -5, -10
+"""A vehicle's computer does nothing else besides; and autopilot, sensors and wires do not wait for its processors. For
+an ordinary user this has no effect."""
+CAMERA = {"width_px": 128, "height_px": 96}
+
+
+class SceneError(CompanionError):
+    """The flight did not come as far as its fault: nothing was shown, neither good nor bad."""
+
+
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """A flight under way.
+
+    Attributes:
+        folder: of its files and logs.
+        personality: px4 or ardupilot.
+        config: the settings file that it was started with.
+        settings: what stood in it.
+        plan: what the gate was told.
+        gate: its process, whose child is the application.
+        gate_port: where the gate hears the autopilot.
+        relay: between autopilot and gate.
+        stream: between world and application.
+        witness: a ground station that only looks on.
+        standstill: tells when the computer did not run what has to run.
+        control_port: of the autopilot: takeover, battery PERCENT, gps on|off.
+        flyer_port: of the application: the words of `flyer_faults`.
+    """
+
+    folder: Path
+    personality: str
+    config: Path
+    settings: Settings
+    plan: Plan
+    gate: subprocess.Popen[bytes]
+    gate_port: int
+    relay: UdpRelay
+    stream: StreamRelay
+    witness: Witness
+    standstill: Standstill
+    control_port: int
+    flyer_port: int
+
+    @property
+    def flyer_pid(self) -> int:
+        """The application's process, as long as the gate lives."""
+        found = children(self.gate.pid)
+        if not found:
+            raise SceneError("the gate has no child")
+        return found[0]
+
+    @property
+    def mapper_pid(self) -> int:
+        """The process of the map."""
+        found = map_process(self.flyer_pid)
+        if found is None:
+            raise SceneError("the application has no process of the map")
+        return found
+
+    def wall_m(self) -> float:
+        """From the middle of the vehicle to the wall ahead, by what the autopilot tells."""
+        return TO_WALL_M - self.witness.pose().x_m
+
+    def said(self) -> str:
+        """What gate and application have said."""
+        return (self.folder / "gate.log").read_text(encoding="utf-8", errors="replace")
+
+    def tell_flyer(self, words: str) -> None:
+        """Trigger a fault inside the application."""
+        _tell(self.flyer_port, words)
+
+    def tell_autopilot(self, words: str) -> None:
+        """A hand on the transmitter, the battery, the antenna."""
+        _tell(self.control_port, words)
+
+    def wait(self, what: str, ready: Callable[[], bool], timeout_s: float) -> None:
+        """Until it has come about.
+
+        Raises:
+            SceneError: it did not.
+        """
+        give_up_s = time.monotonic() + timeout_s
+        while not ready():
+            if self.gate.poll() is not None:
+                raise SceneError(f"the gate ended ({self.gate.returncode}) before {what}: {self.said()[-1500:]}")
+            if time.monotonic() > give_up_s:
+                raise SceneError(f"not within {timeout_s:g} s: {what}: {self.said()[-1500:]}")
+            time.sleep(LOOK_S)
+
+
+@contextlib.contextmanager
+def flying(folder: Path, personality: str, settings: Sections | None = None) -> Iterator[Flight]:
+    """Take off and explore; all processes end with the block."""
+    ports = free_udp_ports(4)
+    gate_port, world_port, control_port, flyer_port = ports
+    world_tcp = free_tcp_port()
+    with contextlib.ExitStack() as stack:
+        relay = stack.enter_context(UdpRelay(gate_port))
+        stream = stack.enter_context(StreamRelay(world_tcp))
+        witness = stack.enter_context(Witness())
+        config = folder / "vehicle.yaml"
+        loaded = write_config(config, personality, gate_port, stream.url, settings or {})
+        mesh = corridor(folder)
+        # Side by side: each of them takes seconds to load. What is started last ends first.
+        world = _serve(stack, folder, "world", _world(folder, mesh, config, world_port, world_tcp))
+        autopilot = _serve(
+            stack, folder, "autopilot", _autopilot(personality, control_port, (relay.port, witness.port, world_port))
+        )
+        plan, gate = _gate(stack, folder, loaded, flyer_port)
+        standstill = stack.enter_context(Standstill({"the gate": gate.pid, "the autopilot": autopilot.process.pid}))
+        flight = Flight(
+            *(folder, personality, config, loaded, plan, gate, gate_port),
+            *(relay, stream, witness, standstill),
+            *(control_port, flyer_port),
+        )
+        stack.enter_context(_precedence())
+        autopilot.wait("standing at")
+        world.wait("waiting for its truth")
+        flight.wait("ready", lambda: "flyer: loaded" in flight.said(), START_S)
+        flight.tell_flyer("go")
+        flight.wait("exploring", lambda: "\nexploring" in flight.said(), START_S)
+        yield flight
+
+
+def approach(flight: Flight, trigger_m: float) -> None:
+    """Until the moment for the fault, so far from the wall.
+
+    Raises:
+        SceneError: it does not come near, or comes near without flying.
+    """
+    flight.wait("near the wall", lambda: flight.wall_m() <= trigger_m, REACH_S)
+    now_mps = speed_mps(flight.witness.pose())
+    if not flight.witness.armed or now_mps < LEAST_MPS:
+        raise SceneError(f"it came near the wall with {now_mps:.2f} m/s: {flight.said()[-1500:]}")
+
+
+@contextlib.contextmanager
+def _precedence() -> Iterator[None]:
+    """For the relays, in this process: wires take no time either."""
+    before = os.getpriority(os.PRIO_PROCESS, 0)
+    with contextlib.suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, HARDWARE_NICENESS)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(PermissionError):
+            os.setpriority(os.PRIO_PROCESS, 0, before)
+
+
+def _tell(port: int, words: str) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as hand:
+        hand.sendto(words.encode(), (LOOPBACK, port))
+
+
+def write_config(config: Path, personality: str, gate_port: int, stream_url: str, settings: Sections) -> Settings:
+    """Write the settings file of a flight, with ``settings`` over what every flight has; what is in force with it."""
+    every = {
+        "autopilot": {"url": f"udpin://{LOOPBACK}:{gate_port}"},
+        "sensors": {"stream": {"url": stream_url}, "camera": CAMERA},
+        # A clock is known to half a round trip, which other work on this computer makes longer than 30 ms.
+        "mission": {"start": "now", "time_limit_s": 300.0, "skip_checks": ["clock"]},
+        "record": {"folder": str(config.parent), "largest_mb": 200.0},
+    }
+    return write_settings(config, "flight", personality, every, settings)
+
+
+def _world(folder: Path, mesh: Path, config: Path, truth_port: int, stream_port: int) -> list[str]:
+    return [
+        *command("sitl", "world"),
+        *("--world", str(mesh), "--config", str(config)),
+        *("--truth", f"udp://{LOOPBACK}:{truth_port}", "--stream", f"tcp://{LOOPBACK}:{stream_port}"),
+        *("--score", str(folder / "truth.json"), "--trajectory", str(folder / "truth.csv")),
+    ]
+
+
+def _autopilot(personality: str, control_port: int, to: Sequence[int]) -> list[str]:
+    return [
+        *command("sitl", "autopilot"),
+        *("--personality", personality, "--boot-s", f"{BOOT_S:g}", "--control", str(control_port)),
+        *(part for port in to for part in ("--to", f"{LOOPBACK}:{port}")),
+        *(part for parameter in SILENCE[personality] for part in ("--param", parameter)),
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class _Server:
+    """A process that ends with the flight."""
+
+    name: str
+    process: subprocess.Popen[bytes]
+    log: Path
+
+    def wait(self, words: str) -> None:
+        """Until it says that it serves."""
+        give_up_s = time.monotonic() + START_S
+        while words not in (said := self.log.read_text(encoding="utf-8", errors="replace")):
+            code = self.process.poll()
+            if code is not None or time.monotonic() > give_up_s:
+                raise SceneError(f"{self.name} does not serve (exit code {code}): {said[-1500:]}")
+            time.sleep(0.05)
+
+
+def _serve(stack: contextlib.ExitStack, folder: Path, name: str, arguments: Sequence[str]) -> _Server:
+    """Start it."""
+    log = folder / f"{name}.log"
+    with log.open("wb") as written:
+        process = subprocess.Popen(
+            ["nice", "-n", str(HARDWARE_NICENESS), *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=written,
+            stderr=subprocess.STDOUT,
+            env=environment(),
+            start_new_session=True,
+        )
+    stack.callback(_end, process)
+    return _Server(name, process, log)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """In good order, so that it writes what it knows."""
+    process.send_signal(signal.SIGTERM)
+    try:
+        process.wait(15.0)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+def _gate(
+    stack: contextlib.ExitStack, folder: Path, settings: Settings, flyer_port: int
+) -> tuple[Plan, subprocess.Popen[bytes]]:
+    """The gate as `companion run` starts it, with the test's own application."""
+    settings_fd = sealed("settings", settings.model_dump_json())
+    flyer = (*module("validation.fault_matrix.flyer"), "--control", str(flyer_port))
+    flown = ("run", "--settings-fd", str(settings_fd), "--preset", "flight", "--seed", "1", "--fix")
+    plan = to_plan(
+        settings,
+        command=(*flyer, "--wait", *flown),
+        restart_command=(*flyer, *flown, "--start", "command"),
+        inherit=(settings_fd,),
+    )
+    plan_fd = sealed("plan", plan.dumps())
+    with (folder / "gate.log").open("wb") as log:
+        gate = subprocess.Popen(
+            ["nice", "-n", str(NICENESS), *module("companion.gate"), "--plan-fd", str(plan_fd)],
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            env=environment(),
+            cwd=ROOT,
+            pass_fds=(settings_fd, plan_fd),
+            start_new_session=True,
+        )
+    for number in (settings_fd, plan_fd):
+        os.close(number)
+    stack.callback(_end_family, gate)
+    return plan, gate
+
+
+def _end_family(gate: subprocess.Popen[bytes]) -> None:
+    """The flight has been judged: nothing of it is wanted any more, stopped or hung or not."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(gate.pid, signal.SIGKILL)
+    gate.wait()
