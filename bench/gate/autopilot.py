@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from bench.gate.child import OFFBOARD, SPEED_MPS, SYSTEM, received
 from companion.mavlink.codec import Encoder, Framer, decode
-from companion.mavlink.modes import ARMED_FLAG
+from companion.mavlink.ids import MavModeFlag
 from sitl.autopilot.mavlink import dialect as m
 
 AUTOPILOT, GATE = 1, 192
@@ -130,7 +130,7 @@ class FakeAutopilot:
             "HEARTBEAT",
             type=QUADROTOR,
             autopilot=PX4,
-            base_mode=CUSTOM_MODE | (ARMED_FLAG if self._armed else 0),
+            base_mode=CUSTOM_MODE | (MavModeFlag.SAFETY_ARMED if self._armed else 0),
             custom_mode=self._mode,
             system_status=ACTIVE if self._armed else STANDBY,
             mavlink_version=3,

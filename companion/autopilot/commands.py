@@ -8,15 +8,13 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from companion.autopilot.interface import LinkError, Message
-from companion.mavlink.ids import AUTOPILOT_COMPONENT, GATE_COMPONENT, ONBOARD_COMPONENT
+from companion.mavlink.ids import MavComponent, MavResult
 
-IN_PROGRESS = 5
-"""MAV_RESULT_IN_PROGRESS: heard, the final answer follows."""
 RESEND_S = 0.5
 LONGEST_S = 60.0
 """A command that stays in progress for longer than this is given up."""
 PARAMS = 7
-ANSWERING = (AUTOPILOT_COMPONENT, GATE_COMPONENT)
+ANSWERING = (MavComponent.AUTOPILOT1, MavComponent.ONBOARD_COMPUTER2)
 
 
 class Commands:
@@ -41,7 +39,7 @@ class Commands:
         if (message.system_id, message.component_id) not in {(self._system_id, who) for who in ANSWERING}:
             return
         system_id, component_id = message.fields.get("target_system", 0), message.fields.get("target_component", 0)
-        if system_id not in (0, self._system_id) or component_id not in (0, ONBOARD_COMPONENT):
+        if system_id not in (0, self._system_id) or component_id not in (0, MavComponent.ONBOARD_COMPUTER):
             return
         command, result = message.fields.get("command"), message.fields.get("result")
         if not isinstance(command, int) or not isinstance(result, int):
@@ -67,7 +65,7 @@ class Commands:
     async def _ask(self, command: int, params: tuple[float, ...], timeout_s: float, answers: asyncio.Queue[int]) -> int:
         fields: dict[str, Any] = {
             "target_system": self._system_id,
-            "target_component": AUTOPILOT_COMPONENT,
+            "target_component": MavComponent.AUTOPILOT1,
             "command": command,
         }
         for i in range(PARAMS):
@@ -87,7 +85,7 @@ class Commands:
                 result = await asyncio.wait_for(answers.get(), max(wait_s, 0.001))
             except TimeoutError:
                 continue
-            if result != IN_PROGRESS:
+            if result != MavResult.IN_PROGRESS:
                 return result
             heard = True
             deadline_s = min(loop.time() + timeout_s, begun_s + LONGEST_S)

@@ -7,16 +7,14 @@ from mavsdk.connection_result import ConnectionResult
 from companion.autopilot.interface import Message
 from companion.config.autopilot import AutopilotSettings
 from companion.mavlink.firmware import KINDS, AutopilotKind
-from companion.mavlink.ids import AUTOPILOT_COMPONENT
+from companion.mavlink.ids import MavAutopilot, MavComponent
 
-NO_AUTOPILOT = 8
-"""MAV_AUTOPILOT_INVALID: says a component that is none."""
 REMEMBERED = 64
 
 
 def _firmware(heartbeat: Message) -> int:
     firmware = heartbeat.fields.get("autopilot")
-    return firmware if isinstance(firmware, int) else NO_AUTOPILOT
+    return firmware if isinstance(firmware, int) else MavAutopilot.INVALID
 
 
 def kind_of(heartbeat: Message) -> AutopilotKind | None:
@@ -43,8 +41,8 @@ class Neighbours:
         if opened is not ConnectionResult.SUCCESS:
             why = opened.name.lower().replace("_", " ")
             return f"{begin}it cannot be opened ({why}). Is the cable in, and may this user read it? See autopilot.url"
-        ours = self._seen.get((system_id, AUTOPILOT_COMPONENT), NO_AUTOPILOT)
-        if ours not in KINDS and ours != NO_AUTOPILOT:
+        ours = self._seen.get((system_id, MavComponent.AUTOPILOT1), MavAutopilot.INVALID)
+        if ours not in KINDS and ours != MavAutopilot.INVALID:
             return f"{begin}its firmware (MAV_AUTOPILOT {ours}) is neither PX4 (12) nor ArduPilot (3)"
         others = sorted({system for (system, _), autopilot in self._seen.items() if autopilot in KINDS} - {system_id})
         if others:

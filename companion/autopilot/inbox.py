@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 
 from companion.autopilot.interface import Handler, Message, Stream
-from companion.mavlink.ids import AUTOPILOT_COMPONENT
+from companion.mavlink.ids import MavComponent
 
 PENDING = 256
 """Messages that may wait for one handler."""
@@ -82,13 +82,13 @@ class Inbox:
 
     def wants(self, name: str, system_id: int, component_id: int) -> bool:
         """Whether anybody listens for this: spares reading what other vehicles on the same port say."""
-        if system_id == self._system_id and component_id == AUTOPILOT_COMPONENT:
+        if system_id == self._system_id and component_id == MavComponent.AUTOPILOT1:
             return True
         return any(events.anyone for events in self._events.get(name, ()))
 
     def put(self, message: Message) -> None:
         """A message came in, from anybody."""
-        ours = message.system_id == self._system_id and message.component_id == AUTOPILOT_COMPONENT
+        ours = message.system_id == self._system_id and message.component_id == MavComponent.AUTOPILOT1
         if ours and (stream := self._streams.get(message.name)) is not None:
             stream.put(message)
         for events in self._events.get(message.name, ()):

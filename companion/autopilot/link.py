@@ -42,7 +42,8 @@ from companion.autopilot.parameters import Parameters
 from companion.clock import Clock
 from companion.config.autopilot import AutopilotSettings
 from companion.mavlink.firmware import AutopilotKind
-from companion.mavlink.ids import ONBOARD_COMPONENT, printable
+from companion.mavlink.ids import MavComponent
+from companion.mavlink.text import printable
 
 POLL_S = 0.05
 RETRY_S = 1.0
@@ -193,11 +194,11 @@ class MavsdkLink:
 
     def _open(self) -> None:
         _log_mavsdk()
-        configuration = Configuration.create_manual(self._settings.system_id, ONBOARD_COMPONENT, False)
+        configuration = Configuration.create_manual(self._settings.system_id, MavComponent.ONBOARD_COMPUTER, False)
         self._mavsdk = Mavsdk(configuration)
         configuration.destroy()
         # The server plugin hears every system and needs none to be discovered before it can send.
-        self._direct = MavlinkDirectServer(self._mavsdk.server_component_by_id(ONBOARD_COMPONENT))
+        self._direct = MavlinkDirectServer(self._mavsdk.server_component_by_id(MavComponent.ONBOARD_COMPUTER))
 
     async def _connect(self) -> None:
         deadline_s = self._loop.time() + self._settings.connect_timeout_s

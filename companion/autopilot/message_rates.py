@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from companion.autopilot.interface import Link
 from companion.mavlink.estimator import ESTIMATOR
 from companion.mavlink.firmware import AutopilotKind
-from companion.mavlink.ids import AUTOPILOT_COMPONENT
+from companion.mavlink.ids import MavCmd, MavComponent
 
-SET_MESSAGE_INTERVAL = 511
 ASK_AGAIN_S = 3.0
 """Longer than the window in which rates are measured, so that an answer shows before it is asked again."""
 ENOUGH = 0.5
@@ -60,8 +59,8 @@ class Rates:
                 "COMMAND_LONG",
                 {
                     "target_system": self._link.system_id,
-                    "target_component": AUTOPILOT_COMPONENT,
-                    "command": SET_MESSAGE_INTERVAL,
+                    "target_component": MavComponent.AUTOPILOT1,
+                    "command": MavCmd.SET_MESSAGE_INTERVAL,
                     "confirmation": 0,
                     "param1": float(_IDS[name]),
                     "param2": 1e6 / hz,

@@ -13,17 +13,9 @@ from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle_state import integer
 from companion.clock import Clock
 from companion.errors import CompanionError
+from companion.mavlink.ids import MavCmd, MavModeFlag, MavResult
 from companion.mavlink.mode_monitor import HEARTBEAT_LATE_S, ModeWatch
-from companion.mavlink.modes import (
-    ACCEPTED,
-    ARM_DISARM,
-    ARMED_FLAG,
-    DO_SET_MODE,
-    IN_PROGRESS,
-    mode_name,
-    personality,
-    result_name,
-)
+from companion.mavlink.modes import mode_name, personality, result_name
 
 POLL_S = 0.05
 MODE_GRACE_S = 2.5
@@ -121,8 +113,10 @@ class Commander:
         request = self.watch.ask(frozenset({mode}), may_disarm, self.personality.passing_to(mode))
         happened = False
         try:
-            result = await self.command(DO_SET_MODE, *self.personality.set_mode_parameters(mode), timeout_s=timeout_s)
-            if result not in (ACCEPTED, IN_PROGRESS):
+            result = await self.command(
+                MavCmd.DO_SET_MODE, *self.personality.set_mode_parameters(mode), timeout_s=timeout_s
+            )
+            if result not in (MavResult.ACCEPTED, MavResult.IN_PROGRESS):
                 raise self.failure(f"the autopilot refused the mode {name} ({result_name(result)})", asked_s)
             await self._seen(name, asked_s)
             happened = True
@@ -156,9 +150,9 @@ class Commander:
             # Accepted or not: once it was asked for, the vehicle may be armed.
             self.asked_to_arm = True
             self._armed_s = self.clock.now_s()
-            result = await self.command(ARM_DISARM, 1.0)
-            self._armed_s = self.clock.now_s() if result == ACCEPTED else math.inf
-            if result == ACCEPTED:
+            result = await self.command(MavCmd.COMPONENT_ARM_DISARM, 1.0)
+            self._armed_s = self.clock.now_s() if result == MavResult.ACCEPTED else math.inf
+            if result == MavResult.ACCEPTED:
                 return
             if self.clock.now_s() - began_s >= ARM_PATIENCE_S:
                 raise self.failure(f"the autopilot refuses to arm ({result_name(result)})", began_s)
@@ -173,6 +167,6 @@ class Commander:
         mode, flags = integer(message, "custom_mode"), integer(message, "base_mode")
         if mode is not None and flags is not None:
             before = self.watch.taken_over
-            self.watch.heartbeat(mode, bool(flags & ARMED_FLAG), message.received_s)
+            self.watch.heartbeat(mode, bool(flags & MavModeFlag.SAFETY_ARMED), message.received_s)
             if before is None and self.watch.taken_over is not None:
                 _log.warning("somebody else has the vehicle: mode %s", self.watch.taken_over)

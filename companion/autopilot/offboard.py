@@ -11,8 +11,7 @@ from typing import Any, TypeVar
 from companion.autopilot.interface import LinkError
 from companion.autopilot.mode_control import POLL_S, Commander
 from companion.frames import setpoint_to_frd
-from companion.mavlink.ids import AUTOPILOT_COMPONENT
-from companion.mavlink.modes import BODY_NED, VELOCITY_AND_YAW_RATE
+from companion.mavlink.ids import VELOCITY_AND_YAW_RATE, MavComponent, MavFrame
 from companion.model import Setpoint
 
 FAILSAFE_SHOWS_S = 0.3
@@ -125,8 +124,8 @@ class Helm:
             {
                 "time_boot_ms": int(setpoint.t_s * 1000.0) & 0xFFFFFFFF,
                 "target_system": link.system_id,
-                "target_component": AUTOPILOT_COMPONENT,
-                "coordinate_frame": BODY_NED,
+                "target_component": MavComponent.AUTOPILOT1,
+                "coordinate_frame": MavFrame.BODY_NED,
                 "type_mask": VELOCITY_AND_YAW_RATE,
                 **fields,
                 "yaw_rate": velocity.yaw_rate_radps,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import enum
 import math
 from collections import deque
 from collections.abc import Callable, Coroutine
@@ -12,7 +11,7 @@ from typing import Any
 
 from companion.autopilot.interface import Link, LinkError
 from companion.clock import Clock
-from companion.mavlink.modes import ARMED_FLAG
+from companion.mavlink.ids import MavAutopilot, MavModeFlag, MavSeverity, MavState, MavType
 
 HEARTBEAT_PERIOD_S = 1.0
 VALUES_PERIOD_S = 0.5
@@ -23,34 +22,7 @@ WAITING = 8
 TEXT_BYTES = 50
 NAME_BYTES = 10
 
-ONBOARD_CONTROLLER = 18
-"""MAV_TYPE_ONBOARD_CONTROLLER."""
-NO_AUTOPILOT = 8
-"""MAV_AUTOPILOT_INVALID."""
 MAVLINK_VERSION = 3
-
-
-class SystemState(enum.IntEnum):
-    """MAV_STATE, as far as it applies to us."""
-
-    STANDBY = 3
-    """On the ground, or in somebody else's hands."""
-    ACTIVE = 4
-    """Flying as it should."""
-    CRITICAL = 5
-    """Flying, but something is missing."""
-    EMERGENCY = 6
-    """The flight is being ended because of a failure."""
-
-
-class Severity(enum.IntEnum):
-    """MAV_SEVERITY, as far as we use it."""
-
-    CRITICAL = 2
-    ERROR = 3
-    WARNING = 4
-    NOTICE = 5
-    INFO = 6
 
 
 class Announcer:
@@ -72,14 +44,14 @@ class Announcer:
         self._link = link
         self._clock = clock
         self._sleep = sleep
-        self._state = SystemState.STANDBY
+        self._state = MavState.STANDBY
         self._armed = False
         self._values: dict[str, float] = {}
-        self._texts: deque[tuple[Severity, str]] = deque()
+        self._texts: deque[tuple[MavSeverity, str]] = deque()
         self._last_text: str | None = None
         self._next_heartbeat_s = self._next_text_s = self._next_values_s = -math.inf
 
-    def state(self, state: SystemState, armed: bool) -> None:
+    def state(self, state: MavState, armed: bool) -> None:
         """What the next heartbeats say of us.
 
         Args:
@@ -88,7 +60,7 @@ class Announcer:
         """
         self._state, self._armed = state, armed
 
-    def say(self, text: str, severity: Severity = Severity.INFO) -> None:
+    def say(self, text: str, severity: MavSeverity = MavSeverity.INFO) -> None:
         """A text for the pilot, cut to 50 bytes. One that repeats the text before it is not sent again."""
         words = _cut(text, TEXT_BYTES)
         if not words or words == self._last_text:
@@ -143,9 +115,9 @@ class Announcer:
 
     def _heartbeat(self) -> dict[str, int]:
         return {
-            "type": ONBOARD_CONTROLLER,
-            "autopilot": NO_AUTOPILOT,
-            "base_mode": ARMED_FLAG if self._armed else 0,
+            "type": MavType.ONBOARD_CONTROLLER,
+            "autopilot": MavAutopilot.INVALID,
+            "base_mode": MavModeFlag.SAFETY_ARMED if self._armed else 0,
             "custom_mode": 0,
             "system_status": int(self._state),
             "mavlink_version": MAVLINK_VERSION,

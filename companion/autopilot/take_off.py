@@ -17,8 +17,9 @@ from companion.autopilot.offboard import Helm
 from companion.config.control import ControlSettings
 from companion.control.ramp import Ramp
 from companion.mavlink.firmware import AutopilotKind
+from companion.mavlink.ids import MavCmd, MavResult
 from companion.mavlink.mode_monitor import DISARMED
-from companion.mavlink.modes import ACCEPTED, NAV_TAKEOFF, result_name
+from companion.mavlink.modes import result_name
 from companion.model import Setpoint
 
 NEAR_M = 0.2
@@ -136,8 +137,8 @@ class TakeOff:
         commander.check_ours()
         asked_s = commander.clock.now_s()
         commander.watch.ask(commander.personality.taking_off)
-        result = await commander.command(NAV_TAKEOFF, *parameters)
-        if result != ACCEPTED:
+        result = await commander.command(MavCmd.NAV_TAKEOFF, *parameters)
+        if result != MavResult.ACCEPTED:
             raise commander.failure(f"the autopilot refuses to take off ({result_name(result)})", asked_s)
 
     async def _climb(self, height_m: float, began_s: float, timeout_s: float) -> None:

@@ -13,8 +13,9 @@ from companion.autopilot.vehicle_state import StatusText, VehicleState, integer,
 from companion.clock import Clock, ClockAlignment
 from companion.frames import NedPose, pose_from_ned
 from companion.mavlink.estimator import ESTIMATOR
-from companion.mavlink.ids import AUTOPILOT_COMPONENT, printable
-from companion.mavlink.modes import ARMED_FLAG, mode_name
+from companion.mavlink.ids import MavCmd, MavComponent, MavModeFlag
+from companion.mavlink.modes import mode_name
+from companion.mavlink.text import printable
 from companion.model import Pose
 from companion.pose_buffer import LARGEST, PoseBuffer
 
@@ -36,7 +37,6 @@ OLDEST_S = 2.0
 """A pose that says to have been measured longer ago than `PoseBuffer` remembers is one sent again, or garbage."""
 LEAP_M = 0.5
 """A position that is this far from where the last one and its velocity lead was set anew by the estimator."""
-REQUEST_MESSAGE = 512
 AUTOPILOT_VERSION_ID = 148
 NANOSECONDS = 1e-9
 
@@ -110,8 +110,8 @@ class Telemetry:
                 "COMMAND_LONG",
                 {
                     "target_system": self._link.system_id,
-                    "target_component": AUTOPILOT_COMPONENT,
-                    "command": REQUEST_MESSAGE,
+                    "target_component": MavComponent.AUTOPILOT1,
+                    "command": MavCmd.REQUEST_MESSAGE,
                     "confirmation": 0,
                     "param1": float(AUTOPILOT_VERSION_ID),
                 },
@@ -136,7 +136,7 @@ class Telemetry:
         landed = _fresh(self._landed, now_s, STALE_S)
         estimator = _fresh(self._estimator, now_s, STALE_S)
         return VehicleState(
-            armed=bool(flags & ARMED_FLAG),
+            armed=bool(flags & MavModeFlag.SAFETY_ARMED),
             mode="unknown" if custom_mode is None else mode_name(self._link.kind, custom_mode),
             landed=None if landed is None else vehicle_state.landed(landed),
             battery_percent=self._battery_percent(now_s),

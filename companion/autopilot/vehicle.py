@@ -20,7 +20,7 @@ from companion.autopilot.telemetry import Telemetry
 from companion.clock import Clock
 from companion.config.settings import Settings
 from companion.errors import CompanionError
-from companion.mavlink.modes import ACCEPTED, ARM_DISARM
+from companion.mavlink.ids import MavCmd, MavResult
 from companion.model import Setpoint
 
 LAND_S = 60.0
@@ -226,7 +226,10 @@ class Vehicle:
     async def _disarmed(self) -> bool:
         """Disarm on the ground. In the air the autopilot refuses, which is why this may be asked at all."""
         try:
-            return await self._commander.command(ARM_DISARM, 0.0, timeout_s=LEAVE_COMMAND_S) == ACCEPTED
+            return (
+                await self._commander.command(MavCmd.COMPONENT_ARM_DISARM, 0.0, timeout_s=LEAVE_COMMAND_S)
+                == MavResult.ACCEPTED
+            )
         except LinkError:
             return False
 

@@ -7,7 +7,7 @@ import socket
 
 from companion.errors import InputError
 from companion.gate.protocol import BEAT_FD, GATE_URL, Beat, Goodbye
-from companion.mavlink.ids import printable
+from companion.mavlink.text import printable
 
 LARGEST_NOTICE = 1024
 """Bytes; a longer one arrives cut off."""

@@ -13,15 +13,9 @@ from typing import Any
 from companion.autopilot.interface import Link, LinkError, Message
 from companion.autopilot.vehicle_state import integer, number
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
-from companion.mavlink.ids import ONBOARD_COMPONENT
-from companion.mavlink.modes import PAUSE_CONTINUE
-
-MISSION_START = 300
-"""MAV_CMD_MISSION_START, sent to this component: start the flight."""
+from companion.mavlink.ids import MavCmd, MavComponent, MavResult
 
 LARGEST_COMMAND = 65535
-
-_ACCEPTED, _NOT_NOW, _DENIED, _UNSUPPORTED = 0, 1, 2, 3
 
 
 class InterruptedFlightError(CompanionError):
@@ -111,7 +105,11 @@ class Orders:
     def _command(self, link: Link, message: Message) -> None:
         command = integer(message, "command")
         ours = (integer(message, "target_system"), integer(message, "target_component"))
-        if ours != (link.system_id, ONBOARD_COMPONENT) or command is None or not 0 <= command <= LARGEST_COMMAND:
+        if (
+            ours != (link.system_id, MavComponent.ONBOARD_COMPUTER)
+            or command is None
+            or not 0 <= command <= LARGEST_COMMAND
+        ):
             return
         result = self._obey(command, number(message, "param1"))
         answer: dict[str, Any] = {
@@ -127,16 +125,16 @@ class Orders:
             link.send("COMMAND_ACK", answer)
 
     def _obey(self, command: int, parameter: float) -> int:
-        if command == MISSION_START:
+        if command == MavCmd.MISSION_START:
             if not self._by_command:
-                return _DENIED
+                return MavResult.DENIED
             if not self.ready:
-                return _NOT_NOW
+                return MavResult.TEMPORARILY_REJECTED
             self.start.set()
-            return _ACCEPTED
-        if command == PAUSE_CONTINUE:
+            return MavResult.ACCEPTED
+        if command == MavCmd.DO_PAUSE_CONTINUE:
             if parameter != 0.0:
-                return _DENIED
+                return MavResult.DENIED
             self.stop.set()
-            return _ACCEPTED
-        return _UNSUPPORTED
+            return MavResult.ACCEPTED
+        return MavResult.UNSUPPORTED

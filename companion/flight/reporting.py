@@ -5,13 +5,14 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 
-from companion.autopilot.status_reporter import Announcer, Severity, SystemState
+from companion.autopilot.status_reporter import Announcer
 from companion.autopilot.telemetry import Telemetry
 from companion.control import Navigator
 from companion.flight.control_loop import TickRecord
 from companion.flight.preflight import CheckResult
 from companion.flight.termination import Ending
 from companion.mapping.process.client import MapWorker
+from companion.mavlink.ids import MavSeverity, MavState
 from companion.model import Mode
 from companion.recording import Recorder, Tick
 from companion.recording.content import ENDED, ENGAGED
@@ -112,20 +113,20 @@ class Announcements:
         """A new part of the flight."""
         self._exploring = what == "exploring"
         self._say(what)
-        self._announcer.say(f"companion: {what}", Severity.NOTICE)
+        self._announcer.say(f"companion: {what}", MavSeverity.NOTICE)
         self._announcer.state(
-            SystemState.STANDBY if what == "waiting for the start" else SystemState.ACTIVE, not what.startswith("wait")
+            MavState.STANDBY if what == "waiting for the start" else MavState.ACTIVE, not what.startswith("wait")
         )
         self._recorder.event(ENGAGED if self._exploring else "phase", what)
 
     def ended(self, why: Ending, detail: str) -> None:
         """The exploring is over."""
         self._exploring = False
-        severity = Severity.NOTICE if why.as_it_should else Severity.WARNING
+        severity = MavSeverity.NOTICE if why.as_it_should else MavSeverity.WARNING
         text = f"{why.value} {detail}".strip()
         self._say(f"exploring ended: {text}")
         self._announcer.say(f"companion: {text}", severity)
-        self._announcer.state(SystemState.ACTIVE if why.as_it_should else SystemState.EMERGENCY, armed=True)
+        self._announcer.state(MavState.ACTIVE if why.as_it_should else MavState.EMERGENCY, armed=True)
         self._recorder.event(ENDED, text)
 
     def __call__(self, tick: TickRecord) -> None:
@@ -166,14 +167,14 @@ class Announcements:
         self._map_problem = problem
         text = f"map: {problem or 'in order again'}"
         self._say(text)
-        self._announcer.say(text, Severity.WARNING if problem else Severity.NOTICE)
+        self._announcer.say(text, MavSeverity.WARNING if problem else MavSeverity.NOTICE)
         self._recorder.event("map", text, logging.WARNING if problem else logging.INFO)
 
     def _tell_missing(self, tick: TickRecord) -> None:
         if not tick.missing:
             if self._missing_since_s is not None and tick.t_s - self._missing_since_s > MISSING_FOR_S:
-                self._announcer.say("inputs are back", Severity.NOTICE)
-                self._announcer.state(SystemState.ACTIVE, armed=True)
+                self._announcer.say("inputs are back", MavSeverity.NOTICE)
+                self._announcer.state(MavState.ACTIVE, armed=True)
                 self._recorder.event("inputs", "back")
             self._missing_since_s = None
             return
@@ -181,8 +182,8 @@ class Announcements:
             self._missing_since_s = tick.t_s
         elif tick.t_s - self._missing_since_s > MISSING_FOR_S:
             text = f"stopped: no {', '.join(tick.missing)}"
-            self._announcer.say(text, Severity.WARNING)
-            self._announcer.state(SystemState.CRITICAL, armed=True)
+            self._announcer.say(text, MavSeverity.WARNING)
+            self._announcer.state(MavState.CRITICAL, armed=True)
             if self._mode is not Mode.HOLD:
                 self._say(text)
                 self._recorder.event("inputs", text, logging.WARNING)

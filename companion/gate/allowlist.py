@@ -6,9 +6,8 @@ import math
 from collections.abc import Mapping
 
 from companion.mavlink.firmware import AutopilotKind
-from companion.mavlink.modes import ARM_DISARM, DO_SET_MODE, NAV_TAKEOFF
+from companion.mavlink.ids import MavCmd
 
-NAV_LAND = 21
 SETPOINT = "SET_POSITION_TARGET_LOCAL_NED"
 
 ALWAYS = frozenset(
@@ -27,11 +26,18 @@ ALWAYS = frozenset(
 )
 """Of the application: what moves nothing."""
 
-ASKING = frozenset({510, 511, 512, 519, 520})
-"""Commands that ask for messages and nothing else: GET_ and SET_MESSAGE_INTERVAL, REQUEST_MESSAGE and the two
-for PROTOCOL_VERSION and AUTOPILOT_CAPABILITIES."""
+ASKING = frozenset(
+    {
+        MavCmd.GET_MESSAGE_INTERVAL,
+        MavCmd.SET_MESSAGE_INTERVAL,
+        MavCmd.REQUEST_MESSAGE,
+        MavCmd.REQUEST_PROTOCOL_VERSION,
+        MavCmd.REQUEST_AUTOPILOT_CAPABILITIES,
+    }
+)
+"""Commands that ask for messages and nothing else."""
 
-MOVING = frozenset({DO_SET_MODE, ARM_DISARM, NAV_TAKEOFF, NAV_LAND})
+MOVING = frozenset({MavCmd.DO_SET_MODE, MavCmd.COMPONENT_ARM_DISARM, MavCmd.NAV_TAKEOFF, MavCmd.NAV_LAND})
 """Commands of the application that move the vehicle."""
 
 SETPOINTS = frozenset({SETPOINT, "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET"})

@@ -10,8 +10,7 @@ from companion.gate.faults import Stage
 from companion.gate.outgoing import Voice
 from companion.gate.plan import Plan
 from companion.gate.vehicle import Vehicle
-from companion.mavlink.ids import GATE_COMPONENT
-from companion.mavlink.modes import DO_SET_MODE
+from companion.mavlink.ids import MavCmd, MavComponent
 
 ASK_AGAIN_S = 0.5
 """A command may be lost; to ask for a mode twice does no harm."""
@@ -92,6 +91,6 @@ class Answer:
         if now_s - self._ask_s >= ASK_AGAIN_S:
             self._ask_s = now_s
             raw, fields = self._voice.mode(ours, wanted)
-            self._vehicle.told(DO_SET_MODE, fields, GATE_COMPONENT)
+            self._vehicle.told(MavCmd.DO_SET_MODE, fields, MavComponent.ONBOARD_COMPUTER2)
             sent.append(raw)
         return sent

@@ -23,12 +23,9 @@ from companion.gate.protocol import Goodbye, Phase, unpacked
 from companion.gate.setpoint_limits import Asked, beyond, read
 from companion.gate.vehicle import READ, Vehicle
 from companion.mavlink.codec import NAMES, Frame, decode
-from companion.mavlink.ids import AUTOPILOT_COMPONENT, GATE_COMPONENT, ONBOARD_COMPONENT
-from companion.mavlink.modes import ACCEPTED, ARM_DISARM, NAV_TAKEOFF, PAUSE_CONTINUE
+from companion.mavlink.ids import MavCmd, MavComponent, MavResult
 
 ORDERS = frozenset({"COMMAND_LONG", "COMMAND_INT"})
-REJECTED = 1
-"""MAV_RESULT_TEMPORARILY_REJECTED."""
 ARMING_BEAT_S = 0.5
 """An application that has not completed a tick for this long arms nothing."""
 TOLD_AGAIN_S = 1.0
@@ -121,10 +118,10 @@ class Gate:
     def autopilot_spoke(self, frame: Frame, now_s: float) -> None:
         """One message that came over the autopilot's link; it passes on to the application, whatever it is."""
         ours = frame.system_id == self._plan.system_id
-        if ours and frame.component_id in (ONBOARD_COMPONENT, GATE_COMPONENT):
+        if ours and frame.component_id in (MavComponent.ONBOARD_COMPUTER, MavComponent.ONBOARD_COMPUTER2):
             return  # our own, sent back
         name = NAMES.get(frame.message_id)
-        own = ours and frame.component_id == AUTOPILOT_COMPONENT
+        own = ours and frame.component_id == MavComponent.AUTOPILOT1
         # Nearly everything that comes only passes through: it is not worth to be read.
         fields = decode(frame) if (name in READ if own else name in ORDERS) else None
         if own:
@@ -144,7 +141,7 @@ class Gate:
             return True
         if name in ORDERS:
             self._ordered(fields, frame)
-        return fields.get("target_component") not in (ONBOARD_COMPONENT, GATE_COMPONENT)
+        return fields.get("target_component") not in (MavComponent.ONBOARD_COMPUTER, MavComponent.ONBOARD_COMPUTER2)
 
     def application_spoke(self, frame: Frame, now_s: float) -> bytes | None:
         """One message of the application: what goes to the autopilot, itself or a stop in its place; None: nothing."""
@@ -190,7 +187,10 @@ class Gate:
             self._watch.flooded_s = now_s
             return "flood"
         name, fields = NAMES.get(frame.message_id), decode(frame)
-        if fields is None or (frame.system_id, frame.component_id) != (self._plan.system_id, ONBOARD_COMPONENT):
+        if fields is None or (frame.system_id, frame.component_id) != (
+            self._plan.system_id,
+            MavComponent.ONBOARD_COMPUTER,
+        ):
             return "not on the list"
         if name == permits.SETPOINT:
             return self._setpoint(frame, fields, now_s)
@@ -244,16 +244,20 @@ class Gate:
         command = int(fields["command"])
         if fields["target_system"] != self._plan.system_id or fields["target_component"] not in (
             0,
-            AUTOPILOT_COMPONENT,
+            MavComponent.AUTOPILOT1,
         ):
             return "command for another"
         if command in permits.ASKING:
             return frame.raw
         if command not in permits.MOVING or not self._may_move(command, fields, now_s):
             self._voice.note(f"command {command} refused")
-            self._upward.append(self._voice.acknowledge(command, REJECTED, self._plan.system_id, ONBOARD_COMPONENT))
+            self._upward.append(
+                self._voice.acknowledge(
+                    command, MavResult.TEMPORARILY_REJECTED, self._plan.system_id, MavComponent.ONBOARD_COMPUTER
+                )
+            )
             return "command refused"
-        self._vehicle.told(command, fields, ONBOARD_COMPONENT)
+        self._vehicle.told(command, fields, MavComponent.ONBOARD_COMPUTER)
         return frame.raw
 
     def _may_move(self, command: int, fields: Fields, now_s: float) -> bool:
@@ -261,12 +265,12 @@ class Gate:
         ours = self._vehicle.personality
         if self._vehicle.taken_over is not None:
             return False
-        if command == ARM_DISARM:
+        if command == MavCmd.COMPONENT_ARM_DISARM:
             arms = fields["param1"] == 1.0
             return not permits.is_forced(fields) and (not arms or self._may_begin(now_s))
-        if command == NAV_TAKEOFF:
+        if command == MavCmd.NAV_TAKEOFF:
             return self._may_begin(now_s)
-        if command == permits.NAV_LAND:
+        if command == MavCmd.NAV_LAND:
             return True
         mode = permits.mode_asked_for(ours.kind, fields)
         if mode == ours.offboard:
@@ -278,15 +282,19 @@ class Gate:
 
     def _ordered(self, fields: Fields, frame: Frame) -> None:
         """A command of somebody else, which may be the stop that a person at a ground station orders."""
-        if fields["command"] != PAUSE_CONTINUE or fields["param1"] != 0.0:
+        if fields["command"] != MavCmd.DO_PAUSE_CONTINUE or fields["param1"] != 0.0:
             return
         if fields["target_system"] not in (0, self._plan.system_id):
             return
-        if fields["target_component"] not in (0, ONBOARD_COMPONENT, GATE_COMPONENT):
+        if fields["target_component"] not in (0, MavComponent.ONBOARD_COMPUTER, MavComponent.ONBOARD_COMPUTER2):
             return
         self._watch.stop_ordered = True
-        if fields["target_component"] == GATE_COMPONENT:
-            self._answers.append(self._voice.acknowledge(PAUSE_CONTINUE, ACCEPTED, frame.system_id, frame.component_id))
+        if fields["target_component"] == MavComponent.ONBOARD_COMPUTER2:
+            self._answers.append(
+                self._voice.acknowledge(
+                    MavCmd.DO_PAUSE_CONTINUE, MavResult.ACCEPTED, frame.system_id, frame.component_id
+                )
+            )
 
     def _has_token(self, now_s: float) -> bool:
         most = self._plan.thresholds.messages_hz * BURST_S

@@ -7,8 +7,18 @@ from collections import deque
 
 from companion.gate.faults import Stage
 from companion.mavlink.codec import Encoder
-from companion.mavlink.ids import AUTOPILOT_COMPONENT, GATE_COMPONENT
-from companion.mavlink.modes import BODY_NED, DO_SET_MODE, VELOCITY_AND_YAW_RATE, Personality
+from companion.mavlink.ids import (
+    MAVLINK_VERSION,
+    VELOCITY_AND_YAW_RATE,
+    MavAutopilot,
+    MavCmd,
+    MavComponent,
+    MavFrame,
+    MavSeverity,
+    MavState,
+    MavType,
+)
+from companion.mavlink.modes import Personality
 
 HEARTBEAT_S = 1.0
 TEXT_S = 0.5
@@ -16,10 +26,12 @@ TEXTS = 8
 TEXT_BYTES = 50
 NOTICES = 64
 
-_ONBOARD_CONTROLLER, _NO_AUTOPILOT, _MAVLINK_VERSION = 18, 8, 3
-_STANDBY = 3
-_STATES = {Stage.PASS: 4, Stage.BRAKE: 5, Stage.HOLD: 6, Stage.LAND: 6}
-_WARNING = 4
+_STATES = {
+    Stage.PASS: MavState.ACTIVE,
+    Stage.BRAKE: MavState.CRITICAL,
+    Stage.HOLD: MavState.EMERGENCY,
+    Stage.LAND: MavState.EMERGENCY,
+}
 
 
 class Voice:
@@ -30,7 +42,7 @@ class Voice:
     """
 
     def __init__(self, system_id: int) -> None:
-        self._encoder = Encoder(system_id, GATE_COMPONENT)
+        self._encoder = Encoder(system_id, MavComponent.ONBOARD_COMPUTER2)
         self._system_id = system_id
         self._texts: deque[str] = deque(maxlen=TEXTS)
         self._notices: deque[str] = deque(maxlen=NOTICES)
@@ -59,16 +71,16 @@ class Voice:
             sent.append(
                 self._encoder.pack(
                     "HEARTBEAT",
-                    type=_ONBOARD_CONTROLLER,
-                    autopilot=_NO_AUTOPILOT,
-                    system_status=_STATES[stage] if airborne else _STANDBY,
-                    mavlink_version=_MAVLINK_VERSION,
+                    type=MavType.ONBOARD_CONTROLLER,
+                    autopilot=MavAutopilot.INVALID,
+                    system_status=_STATES[stage] if airborne else MavState.STANDBY,
+                    mavlink_version=MAVLINK_VERSION,
                 )
             )
         if self._texts and now_s - self._text_s >= TEXT_S:
             self._text_s = now_s
             words = f"gate: {self._texts.popleft()}"[:TEXT_BYTES]
-            sent.append(self._encoder.pack("STATUSTEXT", severity=_WARNING, text=words))
+            sent.append(self._encoder.pack("STATUSTEXT", severity=MavSeverity.WARNING, text=words))
         return sent
 
     def stop(self, now_s: float) -> bytes:
@@ -77,8 +89,8 @@ class Voice:
             "SET_POSITION_TARGET_LOCAL_NED",
             time_boot_ms=int(now_s * 1e3) & 0xFFFFFFFF,
             target_system=self._system_id,
-            target_component=AUTOPILOT_COMPONENT,
-            coordinate_frame=BODY_NED,
+            target_component=MavComponent.AUTOPILOT1,
+            coordinate_frame=MavFrame.BODY_NED,
             type_mask=VELOCITY_AND_YAW_RATE,
         )
 
@@ -89,8 +101,8 @@ class Voice:
         raw = self._encoder.pack(
             "COMMAND_LONG",
             target_system=self._system_id,
-            target_component=AUTOPILOT_COMPONENT,
-            command=DO_SET_MODE,
+            target_component=MavComponent.AUTOPILOT1,
+            command=MavCmd.DO_SET_MODE,
             **fields,
         )
         return raw, fields

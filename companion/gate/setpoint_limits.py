@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from companion.gate.plan import Limits
-from companion.mavlink.ids import AUTOPILOT_COMPONENT
-from companion.mavlink.modes import BODY_NED, VELOCITY_AND_YAW_RATE
+from companion.mavlink.ids import VELOCITY_AND_YAW_RATE, MavComponent, MavFrame
 
 SLACK_MPS = 0.02
 """Rounding to 32 bits, and ticks that are not evenly spaced."""
@@ -49,9 +48,9 @@ def read(fields: Mapping[str, Any], system_id: int, now_s: float) -> Asked | str
         now_s: when it came.
     """
     target = fields["target_system"], fields["target_component"]
-    if target != (system_id, AUTOPILOT_COMPONENT):
+    if target != (system_id, MavComponent.AUTOPILOT1):
         return f"for {target[0]:.0f}/{target[1]:.0f}"
-    if fields["coordinate_frame"] != BODY_NED:
+    if fields["coordinate_frame"] != MavFrame.BODY_NED:
         return f"in frame {fields['coordinate_frame']:.0f}"
     if fields["type_mask"] != VELOCITY_AND_YAW_RATE:
         return f"with type mask {fields['type_mask']:.0f}"

@@ -6,21 +6,13 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from companion.gate.allowlist import NAV_LAND, mode_asked_for
+from companion.gate.allowlist import mode_asked_for
 from companion.gate.motion import Motion
 from companion.mavlink.estimator import ESTIMATOR, estimator_valid
 from companion.mavlink.firmware import KINDS, AutopilotKind
+from companion.mavlink.ids import MavCmd, MavModeFlag, MavResult
 from companion.mavlink.mode_monitor import ModeWatch
-from companion.mavlink.modes import (
-    ACCEPTED,
-    ARM_DISARM,
-    ARMED_FLAG,
-    DO_SET_MODE,
-    IN_PROGRESS,
-    NAV_TAKEOFF,
-    Personality,
-    personality,
-)
+from companion.mavlink.modes import Personality, personality
 
 READ = frozenset({"HEARTBEAT", "LOCAL_POSITION_NED", "ATTITUDE", "COMMAND_ACK", "SYS_STATUS", *ESTIMATOR.values()})
 """The messages of the autopilot that are looked into; of the others it only counts that they came."""
@@ -122,11 +114,11 @@ class Vehicle:
     def told(self, command: int, fields: Fields, component: int) -> None:
         """A command that moves the vehicle was let through, or sent by the gate itself."""
         ours = self.personality
-        if command == ARM_DISARM:
+        if command == MavCmd.COMPONENT_ARM_DISARM:
             self._asked_to_arm = self._asked_to_arm or fields["param1"] == 1.0
-        elif command == NAV_TAKEOFF:
+        elif command == MavCmd.NAV_TAKEOFF:
             self._watch.ask(ours.taking_off)
-        elif command == NAV_LAND:
+        elif command == MavCmd.NAV_LAND:
             self._watch.ask(frozenset({ours.land}), may_disarm=True, passing=ours.passing_to(ours.land))
         elif (mode := mode_asked_for(ours.kind, fields)) is not None:
             request = self._watch.ask(frozenset({mode}), mode == ours.land, ours.passing_to(mode))
@@ -141,13 +133,13 @@ class Vehicle:
             # The firmware does not change while it flies: somebody else speaks with our vehicle's number.
             return
         self.heartbeat_s = now_s
-        self._watch.heartbeat(fields["custom_mode"], bool(fields["base_mode"] & ARMED_FLAG), now_s)
+        self._watch.heartbeat(fields["custom_mode"], bool(fields["base_mode"] & MavModeFlag.SAFETY_ARMED), now_s)
 
     def _acknowledged(self, fields: Fields, now_s: float) -> None:
-        good = fields["result"] in (ACCEPTED, IN_PROGRESS)
-        if fields["command"] == ARM_DISARM and self._asked_to_arm and not self._watch.armed:
+        good = fields["result"] in (MavResult.ACCEPTED, MavResult.IN_PROGRESS)
+        if fields["command"] == MavCmd.COMPONENT_ARM_DISARM and self._asked_to_arm and not self._watch.armed:
             self._armed_s = now_s if good else math.inf
-        elif fields["command"] == DO_SET_MODE and not good:
+        elif fields["command"] == MavCmd.DO_SET_MODE and not good:
             request = self._requests.pop(fields["target_component"], None)
             if request is not None:
                 self._watch.refused(request)

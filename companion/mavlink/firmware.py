@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import enum
 
+from companion.mavlink.ids import MavAutopilot
+
 
 class AutopilotKind(enum.StrEnum):
     """The firmware of the flight controller."""
@@ -12,7 +14,10 @@ class AutopilotKind(enum.StrEnum):
     ARDUPILOT = "ardupilot"
 
 
-KINDS = {12: AutopilotKind.PX4, 3: AutopilotKind.ARDUPILOT}
+KINDS: dict[int, AutopilotKind] = {
+    MavAutopilot.PX4: AutopilotKind.PX4,
+    MavAutopilot.ARDUPILOTMEGA: AutopilotKind.ARDUPILOT,
+}
 """MAV_AUTOPILOT of the heartbeat."""
 
 ARDUCOPTER_BRAKE_MPS2 = 0.43

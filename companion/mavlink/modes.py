@@ -9,33 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from companion.mavlink.firmware import AutopilotKind
+from companion.mavlink.ids import MavModeFlag, MavResult
 
-ARMED_FLAG = 128
-"""MAV_MODE_FLAG_SAFETY_ARMED, in ``base_mode`` of HEARTBEAT."""
-CUSTOM_MODE_FLAG = 1.0
-"""MAV_MODE_FLAG_CUSTOM_MODE_ENABLED: the first parameter of DO_SET_MODE says that the others are custom modes."""
-
-DO_SET_MODE = 176
-NAV_TAKEOFF = 22
-ARM_DISARM = 400
-PAUSE_CONTINUE = 193
-"""MAV_CMD_DO_PAUSE_CONTINUE; with parameter 1 = 0 it is a ground station's order to stop."""
-
-BODY_NED = 8
-"""MAV_FRAME of our setpoints: forward, right, down, turned by the heading alone."""
-VELOCITY_AND_YAW_RATE = 0x5C7
-"""Type mask of our setpoints: position, acceleration and yaw do not count."""
-
-ACCEPTED = 0
-IN_PROGRESS = 5
-_RESULTS = {
-    0: "accepted",
-    1: "rejected for now",
-    2: "denied",
-    3: "unsupported",
-    4: "failed",
-    5: "in progress",
-    6: "cancelled",
+_RESULTS: dict[int, str] = {
+    MavResult.ACCEPTED: "accepted",
+    MavResult.TEMPORARILY_REJECTED: "rejected for now",
+    MavResult.DENIED: "denied",
+    MavResult.UNSUPPORTED: "unsupported",
+    MavResult.FAILED: "failed",
+    MavResult.IN_PROGRESS: "in progress",
+    MavResult.CANCELLED: "cancelled",
 }
 
 _PX4_AUTO = 4
@@ -127,9 +110,10 @@ class Personality:
 
     def set_mode_parameters(self, custom_mode: int) -> tuple[float, float, float]:
         """The first three parameters of DO_SET_MODE that ask for a mode."""
+        flag = float(MavModeFlag.CUSTOM_MODE_ENABLED)
         if self.kind is AutopilotKind.PX4:
-            return CUSTOM_MODE_FLAG, float(custom_mode >> 16 & 0xFF), float(custom_mode >> 24 & 0xFF)
-        return CUSTOM_MODE_FLAG, float(custom_mode), 0.0
+            return flag, float(custom_mode >> 16 & 0xFF), float(custom_mode >> 24 & 0xFF)
+        return flag, float(custom_mode), 0.0
 
 
 _PX4 = Personality(

@@ -7,7 +7,8 @@ import math
 
 import pytest
 
-from companion.autopilot.status_reporter import Announcer, Severity, SystemState
+from companion.autopilot.status_reporter import Announcer
+from companion.mavlink.ids import MavSeverity, MavState
 from tests.autopilot.fake_link import FakeLink, HandClock
 
 
@@ -30,7 +31,7 @@ def run(announcer: Announcer, clock: HandClock, time_s: float) -> None:
 def test_the_heartbeat_comes_once_a_second_and_says_the_truth(clock: HandClock, link: FakeLink) -> None:
     announcer = Announcer(link, clock)
     run(announcer, clock, 2.0)
-    announcer.state(SystemState.CRITICAL, armed=True)
+    announcer.state(MavState.CRITICAL, armed=True)
     run(announcer, clock, 2.0)
     beats = link.sent_named("HEARTBEAT")
     assert 4 <= len(beats) <= 5
@@ -60,7 +61,7 @@ def test_it_runs_until_cancelled(clock: HandClock, link: FakeLink) -> None:
 def test_at_most_one_text_a_second_and_none_twice_in_a_row(clock: HandClock, link: FakeLink) -> None:
     announcer = Announcer(link, clock)
     for _ in range(30):
-        announcer.say("stops: depth is stale", Severity.WARNING)
+        announcer.say("stops: depth is stale", MavSeverity.WARNING)
         run(announcer, clock, 0.1)
     assert [text["text"] for text in link.sent_named("STATUSTEXT")] == ["stops: depth is stale"]
     for i in range(5):
@@ -72,7 +73,7 @@ def test_at_most_one_text_a_second_and_none_twice_in_a_row(clock: HandClock, lin
 def test_the_queue_is_bounded_and_keeps_what_matters(clock: HandClock, link: FakeLink) -> None:
     """A burst of chatter must not keep the one warning from the pilot, nor be told minutes later."""
     announcer = Announcer(link, clock)
-    announcer.say("battery low", Severity.CRITICAL)
+    announcer.say("battery low", MavSeverity.CRITICAL)
     for i in range(100):
         announcer.say(f"chatter {i}")
     run(announcer, clock, 30.0)

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.autopilot.message_rates import SET_MESSAGE_INTERVAL
-from companion.autopilot.telemetry import REQUEST_MESSAGE, TEXTS, Telemetry
+from companion.autopilot.telemetry import TEXTS, Telemetry
 from companion.mavlink.firmware import AutopilotKind
+from companion.mavlink.ids import MavCmd
 from tests.autopilot.fake_link import FakeLink, HandClock
 
 BOOTED_S = 900.0
@@ -69,7 +69,7 @@ class Autopilot:
         return [
             (round(fields["param1"]), fields["param2"])
             for fields in self.link.sent_named("COMMAND_LONG")
-            if fields["command"] == SET_MESSAGE_INTERVAL
+            if fields["command"] == MavCmd.SET_MESSAGE_INTERVAL
         ]
 
 
@@ -231,7 +231,7 @@ def test_the_version_is_asked_for_until_it_comes() -> None:
 
     def asked() -> int:
         commands = autopilot.link.sent_named("COMMAND_LONG")
-        return sum(fields["command"] == REQUEST_MESSAGE and fields["param1"] == 148 for fields in commands)
+        return sum(fields["command"] == MavCmd.REQUEST_MESSAGE and fields["param1"] == 148 for fields in commands)
 
     autopilot.fly(11.0)
     assert asked() == 3

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from companion.errors import InputError
-from companion.flight.operator_commands import MISSION_START, Orders
-from companion.mavlink.modes import PAUSE_CONTINUE
+from companion.flight.operator_commands import Orders
+from companion.mavlink.ids import MavCmd
 from tests.autopilot.fake_link import FakeLink, HandClock
 
 OURS = {"target_system": 1, "target_component": 191}
@@ -35,7 +35,7 @@ def answers(link: FakeLink) -> list[int]:
 
 
 def test_a_ground_station_starts_and_stops() -> None:
-    orders, link = told({"command": MISSION_START}, {"command": PAUSE_CONTINUE})
+    orders, link = told({"command": MavCmd.MISSION_START}, {"command": MavCmd.DO_PAUSE_CONTINUE})
     assert orders.start.is_set()
     assert orders.stop.is_set()
     assert answers(link) == [0, 0]
@@ -45,7 +45,7 @@ def test_a_ground_station_starts_and_stops() -> None:
 
 def test_a_start_counts_only_where_it_was_configured() -> None:
     """With `start: key` somebody stands beside the vehicle: nobody else may start it. Stopping is always allowed."""
-    orders, link = told({"command": MISSION_START}, {"command": PAUSE_CONTINUE}, by_command=False)
+    orders, link = told({"command": MavCmd.MISSION_START}, {"command": MavCmd.DO_PAUSE_CONTINUE}, by_command=False)
     assert not orders.start.is_set()
     assert orders.stop.is_set()
     assert answers(link) == [2, 0]
@@ -53,21 +53,21 @@ def test_a_start_counts_only_where_it_was_configured() -> None:
 
 def test_a_start_before_its_time_is_refused() -> None:
     """Kept until the map has been loaded, it would let the vehicle take off when nobody expects it any more."""
-    orders, link = told({"command": MISSION_START}, ready=False)
+    orders, link = told({"command": MavCmd.MISSION_START}, ready=False)
     assert not orders.start.is_set()
     assert answers(link) == [1]
 
 
 @pytest.mark.parametrize("elsewhere", [{"target_system": 2}, {"target_component": 1}, {"target_component": None}])
 def test_commands_to_others_are_not_ours(elsewhere: dict[str, Any]) -> None:
-    orders, link = told({"command": MISSION_START, **elsewhere})
+    orders, link = told({"command": MavCmd.MISSION_START, **elsewhere})
     assert not orders.start.is_set()
     assert answers(link) == []
 
 
 @pytest.mark.parametrize("parameter", [1.0, math.nan, None, "0"])
 def test_continue_and_nonsense_stop_nothing(parameter: object) -> None:
-    orders, link = told({"command": PAUSE_CONTINUE, "param1": parameter})
+    orders, link = told({"command": MavCmd.DO_PAUSE_CONTINUE, "param1": parameter})
     assert not orders.stop.is_set()
     assert answers(link) == [2]
 
@@ -82,7 +82,7 @@ def test_a_ground_station_that_is_gone_has_its_order_all_the_same() -> None:
     orders = Orders(by_command=True)
     orders.listen(link)
     link.gone = True
-    link.deliver("COMMAND_LONG", {**OURS, "command": PAUSE_CONTINUE, "param1": 0.0}, system_id=255)
+    link.deliver("COMMAND_LONG", {**OURS, "command": MavCmd.DO_PAUSE_CONTINUE, "param1": 0.0}, system_id=255)
     assert orders.stop.is_set()
 
 

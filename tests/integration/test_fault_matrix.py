@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from companion.mavlink.modes import DO_SET_MODE
+from companion.mavlink.ids import MavCmd
 from tests.integration.seen import CommandSeen, SetpointSeen
 from validation.fault_matrix.__main__ import main
 from validation.fault_matrix.faults import BY_NAME, CELLS, FAULTS
 from validation.fault_matrix.injection import PERSONALITIES, Final
-from validation.fault_matrix.outcome import NAV_LAND, Outcome, brake_begins_s, stops
+from validation.fault_matrix.outcome import Outcome, brake_begins_s, stops
 from validation.fault_matrix.report import BEGIN, END, ReportError, markdown, write_into_docs
 from validation.fault_matrix.run import fly
 
@@ -90,8 +90,12 @@ def test_only_hold_and_land_are_orders_that_stop(
     def order(t_s: float, command: int, params: tuple[float, ...]) -> CommandSeen:
         return CommandSeen(t_s, command, (*params, 0.0, 0.0, 0.0, 0.0), (1, 1), (1, 192), True)
 
-    orders = [order(1.0, DO_SET_MODE, offboard), order(2.0, DO_SET_MODE, hold), order(3.0, DO_SET_MODE, land)]
-    assert stops(personality, [*orders, order(4.0, NAV_LAND, (0.0, 0.0, 0.0)), order(5.0, 400, hold)]) == [
+    orders = [
+        order(1.0, MavCmd.DO_SET_MODE, offboard),
+        order(2.0, MavCmd.DO_SET_MODE, hold),
+        order(3.0, MavCmd.DO_SET_MODE, land),
+    ]
+    assert stops(personality, [*orders, order(4.0, MavCmd.NAV_LAND, (0.0, 0.0, 0.0)), order(5.0, 400, hold)]) == [
         2.0,
         3.0,
         4.0,

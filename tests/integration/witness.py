@@ -14,7 +14,8 @@ import pytest
 
 from companion.frames import NedPose, pose_from_ned
 from companion.mavlink.firmware import KINDS, AutopilotKind
-from companion.mavlink.modes import ARMED_FLAG, mode_name
+from companion.mavlink.ids import MavModeFlag
+from companion.mavlink.modes import mode_name
 from companion.model import Pose
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
@@ -119,7 +120,9 @@ class Witness(OwnThread):
         name = message.get_type()
         if name == "HEARTBEAT":
             kind = KINDS.get(message.autopilot, AutopilotKind.PX4)
-            self.beats.append(Beat(now_s, mode_name(kind, message.custom_mode), bool(message.base_mode & ARMED_FLAG)))
+            self.beats.append(
+                Beat(now_s, mode_name(kind, message.custom_mode), bool(message.base_mode & MavModeFlag.SAFETY_ARMED))
+            )
             if not self.poses or now_s - self.poses[-1].t_s > 0.5:
                 self._ask_for_positions()
         elif name == "STATUSTEXT":

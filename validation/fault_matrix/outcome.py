@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from companion.mavlink.firmware import AutopilotKind
-from companion.mavlink.modes import DO_SET_MODE, personality
+from companion.mavlink.ids import MavCmd, MavComponent
+from companion.mavlink.modes import personality
 from tests.integration.rig import PILOTS_MODE
 from tests.integration.seen import CommandSeen, SetpointSeen, TextSeen
 from tests.integration.witness import Witness
@@ -27,8 +28,6 @@ SETTLED_S = 0.3
 STANDING_MPS, STANDING_FOR_S = 0.12, 0.5
 """A simulated vehicle that holds its place drifts, and creeps at 0.05 m/s where there is room left."""
 NEWEST_S = 1.0
-GATE_COMPONENT = 192
-NAV_LAND = 21
 _KINDS = {"px4": AutopilotKind.PX4, "ardupilot": AutopilotKind.ARDUPILOT}
 
 
@@ -166,7 +165,7 @@ def brake_begins_s(setpoints: Sequence[SetpointSeen], others_s: Sequence[float])
 
 
 def _is_of_gate(text: TextSeen, end_s: float) -> bool:
-    return text.sender[1] == GATE_COMPONENT and text.t_s <= end_s
+    return text.sender[1] == MavComponent.ONBOARD_COMPUTER2 and text.t_s <= end_s
 
 
 def _is_zero(one: SetpointSeen) -> bool:
@@ -180,7 +179,7 @@ def stops(autopilot: str, commands: Sequence[CommandSeen]) -> list[float]:
     return [
         one.t_s
         for one in commands
-        if one.command == NAV_LAND or (one.command == DO_SET_MODE and one.params[:3] in asked)
+        if one.command == MavCmd.NAV_LAND or (one.command == MavCmd.DO_SET_MODE and one.params[:3] in asked)
     ]
 
 
@@ -206,4 +205,4 @@ def final_state(
     senders = {one.sender[1] for one in setpoints if one.passed and one.t_s > end_s - NEWEST_S}
     if not senders:
         return Final.FAILSAFE
-    return Final.BRAKED if GATE_COMPONENT in senders else Final.FLEW_ON
+    return Final.BRAKED if MavComponent.ONBOARD_COMPUTER2 in senders else Final.FLEW_ON

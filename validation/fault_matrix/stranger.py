@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from companion.mavlink.codec import Encoder
-from companion.mavlink.modes import BODY_NED, VELOCITY_AND_YAW_RATE
+from companion.mavlink.ids import VELOCITY_AND_YAW_RATE, MavFrame
 from tests.integration.relay import LOOPBACK
 
 SENT_S = 3.0
@@ -38,7 +38,7 @@ def setpoints() -> Callable[[], bytes]:
         "SET_POSITION_TARGET_LOCAL_NED",
         target_system=1,
         target_component=1,
-        coordinate_frame=BODY_NED,
+        coordinate_frame=MavFrame.BODY_NED,
         type_mask=VELOCITY_AND_YAW_RATE,
         vx=VX_MPS,
         yaw_rate=YAW_RATE_RADPS,

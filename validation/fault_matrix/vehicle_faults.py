@@ -7,7 +7,8 @@ from collections.abc import Callable
 
 from companion.config.settings import Settings
 from companion.mavlink.firmware import AutopilotKind
-from companion.mavlink.modes import ARM_DISARM, DO_SET_MODE, NAV_TAKEOFF, personality
+from companion.mavlink.ids import MavCmd
+from companion.mavlink.modes import personality
 from sitl.autopilot.mavlink import dialect as m
 from tests.integration.relay import GROUND_STATION, pack
 from validation.fault_matrix.corridor import TO_WALL_M
@@ -54,7 +55,13 @@ def _hands_off(flight: Flight) -> str | None:
     late = flight.relay.seen.setpoints(told_s + HANDS_OFF_S)
     if late:
         return f"{len(late)} setpoints after the heartbeat, the last {late[-1].t_s - told_s:.2f} s after"
-    moving = (DO_SET_MODE, ARM_DISARM, NAV_TAKEOFF, m.MAV_CMD_NAV_LAND, m.MAVLINK_MSG_ID_SET_MODE)
+    moving = (
+        MavCmd.DO_SET_MODE,
+        MavCmd.COMPONENT_ARM_DISARM,
+        MavCmd.NAV_TAKEOFF,
+        m.MAV_CMD_NAV_LAND,
+        m.MAVLINK_MSG_ID_SET_MODE,
+    )
     orders = [seen for seen in flight.relay.seen.commands(told_s + HANDS_OFF_S) if seen.command in moving]
     return f"command {orders[0].command} after the heartbeat" if orders else None
 

@@ -27,7 +27,8 @@ from companion.flight.rate import Pace
 from companion.flight.reporting import Announcements
 from companion.mapping.process.client import MapWorker
 from companion.mavlink.firmware import AutopilotKind
-from companion.mavlink.modes import DO_SET_MODE, personality, px4_mode
+from companion.mavlink.ids import MavCmd
+from companion.mavlink.modes import personality, px4_mode
 from companion.model import Setpoint
 from companion.pipeline import Explorer
 from companion.pose_buffer import LARGEST
@@ -203,7 +204,7 @@ class Flying:
 
     def obey(self, command: int, parameters: tuple[float, ...]) -> None:
         """The autopilot takes the mode that it is asked for."""
-        if command == DO_SET_MODE:
+        if command == MavCmd.DO_SET_MODE:
             is_px4 = self.link.kind is AutopilotKind.PX4
             self.mode = px4_mode(int(parameters[1]), int(parameters[2])) if is_px4 else int(parameters[1])
             self.link.deliver("HEARTBEAT", self.heartbeat())

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.autopilot.status_reporter import Announcer, Severity
+from companion.autopilot.status_reporter import Announcer
 from companion.errors import CompanionError
 from companion.flight.control_loop import Pilot
 from companion.flight.preflight import CheckResult, refusal, render, run_checks
@@ -16,6 +16,7 @@ from companion.flight.rate import Pace
 from companion.flight.reporting import Say
 from companion.flight.session import Session
 from companion.flight.tasks import background
+from companion.mavlink.ids import MavSeverity
 from companion.pipeline import Explorer
 
 SETTLE_S = 3.0
@@ -53,7 +54,7 @@ async def passed(session: Session, options: Options, announcer: Announcer, say: 
     if why is None:
         return results
     names = ", ".join(result.name for result in results if result.failed)
-    announcer.say(f"not armed: {names}", Severity.ERROR)
+    announcer.say(f"not armed: {names}", MavSeverity.ERROR)
     announcer.tick()
     say(render(results))
     raise FlightRefusedError(why)

@@ -22,7 +22,7 @@ from companion.gate.runtime.supervisor import Keeper
 from companion.gate.runtime.systemd import Notifier
 from companion.gate.runtime.transports import Wire
 from companion.mavlink.codec import MAVLINK_2, NAMES, Frame, decode
-from companion.mavlink.ids import ONBOARD_COMPONENT
+from companion.mavlink.ids import MavComponent
 from companion.mavlink.signing import Signer
 
 STALLED_S = 0.1
@@ -165,7 +165,7 @@ class Loop:
         passed = self._gate.application_spoke(frame, now_s)
         if passed is not None:
             self._down(passed)
-        if NAMES.get(frame.message_id) in SHOWN and frame.component_id == ONBOARD_COMPONENT:
+        if NAMES.get(frame.message_id) in SHOWN and frame.component_id == MavComponent.ONBOARD_COMPUTER:
             for _, wire in self._attached:
                 wire.send(frame.raw)
 
@@ -258,4 +258,4 @@ class Loop:
 def _concerns_application(frame: Frame) -> bool:
     """Whether a message is for the application, or for everybody; never when that cannot be told."""
     fields = decode(frame)
-    return fields is not None and fields.get("target_component", 0) in (0, ONBOARD_COMPONENT)
+    return fields is not None and fields.get("target_component", 0) in (0, MavComponent.ONBOARD_COMPUTER)

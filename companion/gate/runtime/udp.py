@@ -8,7 +8,7 @@ import socket
 
 from companion.gate.runtime.framing import Accept, Inflow, Redial
 from companion.mavlink.codec import Frame
-from companion.mavlink.ids import AUTOPILOT_COMPONENT
+from companion.mavlink.ids import MavComponent
 
 Address = tuple[str, int]
 
@@ -174,7 +174,7 @@ class UdpIn:
         return self._system_id is None or (frame.message_id, frame.system_id, frame.component_id) == (
             HEARTBEAT,
             self._system_id,
-            AUTOPILOT_COMPONENT,
+            MavComponent.AUTOPILOT1,
         )
 
 

@@ -19,15 +19,13 @@ from companion.clock import Clock
 from companion.config.settings import Settings
 from companion.errors import InputError
 from companion.frames import bearing_from_frd
+from companion.mavlink.ids import MavCmd, MavFrame
 from companion.model import Beam, RangeReading
 from companion.sensors.drivers.driver import DriverContext
 from companion.sensors.sink import PLANAR, RawPlanar, SensorSink
 
 DISTANCE, OBSTACLES = "DISTANCE_SENSOR", "OBSTACLE_DISTANCE"
 MESSAGE_IDS = {DISTANCE: 132, OBSTACLES: 330}
-SET_MESSAGE_INTERVAL = 511
-BODY_FRD = 12
-"""MAV_FRAME: bearings counted from the heading, not from north."""
 
 BEAMS = {0: Beam.FRONT, 2: Beam.RIGHT, 4: Beam.BACK, 6: Beam.LEFT, 24: Beam.UP, 25: Beam.DOWN}
 """MAV_SENSOR_ORIENTATION; turns are clockwise, so 90° of yaw is the right."""
@@ -114,7 +112,7 @@ class MavlinkDriver:
             if self._clock.now_s() - self._arrived_s[name] <= SILENT_S:
                 continue
             try:
-                result = await self._link.command(SET_MESSAGE_INTERVAL, float(MESSAGE_IDS[name]), 1e6 / rate_hz)
+                result = await self._link.command(MavCmd.SET_MESSAGE_INTERVAL, float(MESSAGE_IDS[name]), 1e6 / rate_hz)
                 answer = f"asked for {name} at {rate_hz:g} Hz: result {result}"
             except LinkError as error:
                 answer = f"{name} does not come and cannot be asked for: {error}"
@@ -153,7 +151,7 @@ class MavlinkDriver:
 
     def _take_obstacles(self, message: Message, sink: SensorSink) -> None:
         fields = message.fields
-        if _number(fields, "frame") != BODY_FRD:
+        if _number(fields, "frame") != MavFrame.BODY_FRD:
             sink.drop(PLANAR, WRONG_FRAME)
             return
         time_us = _number(fields, "time_usec")

@@ -20,7 +20,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle import Vehicle
 from companion.errors import InputError
-from companion.flight.operator_commands import MISSION_START, Orders
+from companion.flight.operator_commands import Orders
+from companion.mavlink.ids import MavCmd
 from companion.model import Camera
 from companion.recording import open_recording
 from companion.recording.content import METADATA
@@ -107,7 +108,7 @@ def test_a_command_that_cannot_be_read_starts_nothing(fields: dict[str, Any], ca
     link = FakeLink(HandClock())
     orders = Orders(by_command=True)
     orders.listen(link)
-    told = {"target_system": 1, "target_component": 191, "command": MISSION_START, "param1": 0.0}
+    told = {"target_system": 1, "target_component": 191, "command": MavCmd.MISSION_START, "param1": 0.0}
     link.deliver("COMMAND_LONG", told | {"command": 193} | fields if "param1" in fields else told | fields, 255, 190)
     assert not orders.start.is_set()
     assert not orders.stop.is_set()

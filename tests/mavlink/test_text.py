@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from companion.mavlink.ids import printable
+from companion.mavlink.text import printable
 
 
 @pytest.mark.parametrize(
