@@ -77,7 +77,7 @@ def test_import_contracts_name_packages_that_exist() -> None:
     contracts = tomllib.loads("\n".join(lines("pyproject.toml")))["tool"]["importlinter"]["contracts"]
     assert contracts
     for contract in contracts:
-        for module in contract["source_modules"]:
+        for module in contract.get("source_modules") or contract["containers"]:
             assert (ROOT / module.replace(".", "/") / "__init__.py").exists(), f"{contract['name']}: {module}"
 
 
