@@ -23,12 +23,12 @@ from pathlib import Path
 import numpy as np
 
 from bench.gate.autopilot import FakeAutopilot
-from bench.gate.child import WARM_UP_S, timed_socket
+from bench.gate.child import WARM_UP_S, timed, timed_socket
 from bench.table import Row, parser, show
 from bench.usage import Usage
 from companion.config.settings import Settings
 from companion.gate.plan import Plan
-from companion.gate.protocol import BEAT_FD, GATE_URL
+from companion.gate.protocol import GATE_FD
 from companion.safety_case.gate_plan import to_plan
 
 RATES_HZ = (20.0, 200.0)
@@ -74,18 +74,14 @@ def through_gate(hz: float, seconds: float, realtime: bool, profile: Path | None
 
 
 def straight(hz: float, seconds: float) -> Row:
-    """The same flight without a gate: the application's socket and the autopilot's, over loopback."""
-    with _folder() as folder, timed_socket() as wire, contextlib.ExitStack() as stack:
+    """The same flight without a gate: the autopilot has the other end of the application's socket."""
+    with _folder() as folder, contextlib.ExitStack() as stack:
         file = folder / "delays.json"
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         stack.enter_context(ours)
         stack.enter_context(theirs)
-        autopilot = FakeAutopilot(wire, None)
-        environment = {
-            **os.environ,
-            BEAT_FD: str(theirs.fileno()),
-            GATE_URL: f"udpout://127.0.0.1:{wire.getsockname()[1]}",
-        }
+        autopilot = FakeAutopilot(timed(ours), None)
+        environment = {**os.environ, GATE_FD: str(theirs.fileno())}
         child = subprocess.Popen(  # noqa: S603 - our own
             (sys.executable, "-m", "bench.gate.child", str(hz), str(seconds), str(file)),
             env=environment,

@@ -45,8 +45,8 @@ class FakeAutopilot:
     """Sends what is due, and notes when setpoints arrive.
 
     Args:
-        wire: its socket, of `timed_socket`.
-        to: where it sends; None: to whoever speaks first.
+        wire: its socket, of `timed_socket`, or one end of a pair.
+        to: where it sends; None: to whoever speaks first, or to the other end.
 
     Attributes:
         sent: messages so far.
@@ -118,9 +118,13 @@ class FakeAutopilot:
             self.setpoint_delays_us.append(float((arrived_ns // 1000 - int(fields["time_boot_ms"])) & 0xFFFFFFFF))
 
     def _send(self, packet: bytes) -> None:
-        if self._to is not None:
+        if self.wire.family == socket.AF_UNIX:
+            self.wire.send(packet)
+        elif self._to is not None:
             self.wire.sendto(packet, self._to)
-            self.sent += 1
+        else:
+            return
+        self.sent += 1
 
     def _boot_ms(self) -> int:
         return int((time.monotonic() - self._begun_s) * 1e3)

@@ -19,7 +19,7 @@ import sys
 import time
 from pathlib import Path
 
-from companion.gate.protocol import BEAT_FD, GATE_URL, Beat, Phase
+from companion.gate.protocol import GATE_FD, Beat, Phase, is_mavlink
 from companion.mavlink.codec import Encoder, Framer, decode
 
 SYSTEM, APPLICATION, AUTOPILOT = 1, 191, 1
@@ -36,18 +36,25 @@ _STAMP = struct.Struct("@ll")
 def timed_socket() -> socket.socket:
     """A UDP socket on loopback whose datagrams carry the time of their arrival."""
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    made.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
     made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
     made.bind(("127.0.0.1", 0))
+    return timed(made)
+
+
+def timed(made: socket.socket) -> socket.socket:
+    """The socket, whose packets carry the time of their arrival from now on, and which never waits."""
+    made.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
     made.setblocking(False)
     return made
 
 
 def received(wire: socket.socket) -> tuple[bytes, int, tuple[str, int]] | None:
-    """The next datagram, when it arrived in ns of CLOCK_MONOTONIC, and from whom; None: there is none now."""
+    """The next packet, when it arrived in ns of CLOCK_MONOTONIC, and from whom; None: there is none now."""
     try:
         data, stamps, _, sender = wire.recvmsg(65536, 64)
     except OSError:
+        return None
+    if not stamps:  # the other end was closed
         return None
     seconds, nanoseconds = _STAMP.unpack(stamps[0][2][: _STAMP.size])
     return data, seconds * 1_000_000_000 + nanoseconds + time.monotonic_ns() - time.time_ns(), sender
@@ -57,14 +64,12 @@ class Application:
     """Flies.
 
     Args:
-        wire: towards the gate, or the autopilot itself.
-        gate: where beats go.
-        to: the address that ``wire`` speaks to.
+        gate: the socket to the gate, or to the autopilot itself.
     """
 
-    def __init__(self, wire: socket.socket, gate: socket.socket, to: tuple[str, int]) -> None:
+    def __init__(self, gate: socket.socket) -> None:
         self.delays_us: list[float] = []
-        self._wire, self._gate, self._to = wire, gate, to
+        self._gate = gate
         self._encoder, self._framer = Encoder(SYSTEM, APPLICATION), Framer(datagram=True)
         self._ticks = 0
 
@@ -75,8 +80,7 @@ class Application:
         self._ticks += 1
         phase = Phase.EXPLORING if self._ticks * period_s > WARM_UP_S / 2.0 else Phase.GROUND
         beat = Beat(time.monotonic(), 0.1, 0.1, 0.02, math.inf, 0.5, phase)
-        with contextlib.suppress(BlockingIOError):
-            self._gate.send(beat.packed())
+        self._put(beat.packed())
         if phase is Phase.GROUND:
             # Arming needs a beat; and what is asked for twice is done once.
             self._command(400, 1.0)
@@ -94,10 +98,12 @@ class Application:
 
     def _listen(self, until_s: float, counts: bool) -> None:
         while (wait_s := until_s - time.monotonic()) > 0.0:
-            if not select.select([self._wire], [], [], wait_s)[0]:
+            if not select.select([self._gate], [], [], wait_s)[0]:
                 return
-            while (found := received(self._wire)) is not None:
+            while (found := received(self._gate)) is not None:
                 data, arrived_ns, _ = found
+                if not is_mavlink(data):
+                    continue
                 for frame in self._framer.frames(data):
                     if frame.message_id == 111 and counts and (fields := decode(frame)) is not None:
                         self.delays_us.append((arrived_ns - int(fields["ts1"])) / 1e3)
@@ -107,16 +113,17 @@ class Application:
         self._send("COMMAND_LONG", command=command, param1=param1, param2=param2, **to)
 
     def _send(self, name: str, **fields: int | float) -> None:
-        self._wire.sendto(self._encoder.pack(name, **fields), self._to)
+        self._put(self._encoder.pack(name, **fields))
+
+    def _put(self, packet: bytes) -> None:
+        with contextlib.suppress(BlockingIOError):
+            self._gate.send(packet)
 
 
 def main() -> None:
     """Fly."""
     hz, seconds, file = float(sys.argv[1]), float(sys.argv[2]), Path(sys.argv[3])
-    host, _, port = os.environ[GATE_URL].removeprefix("udpout://").rpartition(":")
-    gate = socket.socket(fileno=int(os.environ[BEAT_FD]))
-    gate.setblocking(False)
-    application = Application(timed_socket(), gate, (host, int(port)))
+    application = Application(timed(socket.socket(fileno=int(os.environ[GATE_FD]))))
     begun_s = time.monotonic()
     while (flown_s := time.monotonic() - begun_s) < WARM_UP_S + seconds:
         application.tick(1.0 / hz, flown_s > WARM_UP_S)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from mavsdk.connection_result import ConnectionResult
-
 from companion.autopilot.interface import Message
 from companion.config.autopilot import AutopilotSettings
 from companion.mavlink.firmware import KINDS, AutopilotKind
@@ -34,13 +32,10 @@ class Neighbours:
         if len(self._seen) < REMEMBERED:
             self._seen[heartbeat.system_id, heartbeat.component_id] = _firmware(heartbeat)
 
-    def instead_of_ours(self, opened: ConnectionResult) -> str:
+    def instead_of_ours(self) -> str:
         """The error for a person: our autopilot did not come; what did, and what to do."""
         url, system_id = self._settings.url, self._settings.system_id
         begin = f"no autopilot of system {system_id} on {url} within {self._settings.connect_timeout_s:g} s: "
-        if opened is not ConnectionResult.SUCCESS:
-            why = opened.name.lower().replace("_", " ")
-            return f"{begin}it cannot be opened ({why}). Is the cable in, and may this user read it? See autopilot.url"
         ours = self._seen.get((system_id, MavComponent.AUTOPILOT1), MavAutopilot.INVALID)
         if ours not in KINDS and ours != MavAutopilot.INVALID:
             return f"{begin}its firmware (MAV_AUTOPILOT {ours}) is neither PX4 (12) nor ArduPilot (3)"

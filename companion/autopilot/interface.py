@@ -71,6 +71,22 @@ class Stream:
 Handler = Callable[[Message], None]
 
 
+class Transport(Protocol):
+    """Carries MAVLink frames, whole and in their order, between a link and the autopilot or who stands in for it."""
+
+    def open(self, on_frames: Callable[[bytes], None]) -> None:
+        """From now on call ``on_frames`` with what arrives, when it arrives, in a thread of its own."""
+        ...
+
+    def send(self, raw: bytes) -> None:
+        """Send frames at once, from any thread. Never waits, never raises: what is not taken now is lost."""
+        ...
+
+    def close(self) -> None:
+        """Call nobody any more."""
+        ...
+
+
 class Link(Protocol):
     """A connection to the autopilot of one vehicle."""
 

@@ -5,9 +5,11 @@ of our event loop they hand out old data as if it had just come. Here each messa
 when it arrives, and only the newest is kept. What this cannot see is a thread that holds the interpreter for long:
 messages then wait in MAVSDK and are stamped late. That is why poses are stamped by the autopilot's own clock.
 
-MAVSDK sends a heartbeat of its own (onboard computer, state UNINIT) as soon as it has seen a vehicle, and at once on
-``udpout``, so that nothing of ours is needed for the other end to learn our address. The one with our true state is
-sent beside it by the announcer.
+MAVSDK opens no socket: those that it opens are bound to every address of the computer, and it believes every sender.
+Its connection is ``raw://``, which hands its bytes to a `Transport` of ours and takes ours.
+
+MAVSDK sends a heartbeat of its own (onboard computer, state UNINIT) as soon as it has seen a vehicle. The one with our
+true state is sent beside it by the status reporter.
 """
 
 from __future__ import annotations
@@ -29,7 +31,6 @@ from mavsdk.mavsdk import Configuration, Mavsdk
 from mavsdk.plugins.mavlink_direct_server import (
     MavlinkDirectServer,
     MavlinkDirectServerError,
-    MavlinkDirectServerResult,
     MavlinkMessage,
 )
 from mavsdk.plugins.param import Param
@@ -37,7 +38,7 @@ from mavsdk.plugins.param import Param
 from companion.autopilot.commands import Commands
 from companion.autopilot.discovery import Neighbours, kind_of
 from companion.autopilot.inbox import Inbox
-from companion.autopilot.interface import Handler, LinkError, Message, Stream
+from companion.autopilot.interface import Handler, LinkError, Message, Stream, Transport
 from companion.autopilot.parameters import Parameters
 from companion.clock import Clock
 from companion.config.autopilot import AutopilotSettings
@@ -46,11 +47,9 @@ from companion.mavlink.ids import MavComponent
 from companion.mavlink.text import printable
 
 POLL_S = 0.05
-RETRY_S = 1.0
 
 T = TypeVar("T")
 _logger = logging.getLogger(__name__)
-_REFUSED = frozenset({MavlinkDirectServerResult.INVALID_MESSAGE, MavlinkDirectServerResult.INVALID_FIELD})
 
 
 @functools.cache
@@ -79,22 +78,20 @@ class MavsdkLink:
     An async context manager: entering waits for the heartbeat of our autopilot, leaving ends every thread.
 
     Args:
-        settings: where the autopilot is and which system id it has; others on the same port are ignored.
+        settings: which system id the autopilot has, others are ignored; where it is, for errors to name.
         clock: stamps arrivals.
-        through: where to connect to, when it is not the autopilot itself that is there but who stands in for it; by
-            default ``settings.url``, which errors name in any case.
+        transport: carries the bytes.
 
     Attributes:
         malformed: messages that could not be read.
-        unsent: messages that the connection did not take: unplugged, unreachable.
 
     Raises:
         LinkError: on entering, when our autopilot is not there: says what was seen instead.
     """
 
-    def __init__(self, settings: AutopilotSettings, clock: Clock, through: str | None = None) -> None:
+    def __init__(self, settings: AutopilotSettings, clock: Clock, transport: Transport) -> None:
         self._settings = settings
-        self._url = settings.url if through is None else through
+        self._transport = transport
         self._clock = clock
         self._kind: AutopilotKind | None = None
         self._neighbours = Neighbours(settings)
@@ -104,7 +101,6 @@ class MavsdkLink:
         self._direct: MavlinkDirectServer | None = None
         self._parameters: Parameters | None = None
         self.malformed = 0
-        self.unsent = 0
 
     async def __aenter__(self) -> MavsdkLink:
         self._loop = asyncio.get_running_loop()
@@ -165,9 +161,7 @@ class MavsdkLink:
         try:
             self._direct.send_message(MavlinkMessage(name, 0, 0, 0, 0, text))
         except MavlinkDirectServerError as error:
-            if error.result in _REFUSED:
-                raise LinkError(f"{name} cannot be sent: {error.result.name.lower()} in {text}") from error
-            self.unsent += 1
+            raise LinkError(f"{name} cannot be sent: {error.result.name.lower()} in {text}") from error
 
     async def command(self, command: int, *params: float, timeout_s: float | None = None) -> int:
         """See `Link.command`; waits as long as the settings say unless told otherwise."""
@@ -199,29 +193,24 @@ class MavsdkLink:
         configuration.destroy()
         # The server plugin hears every system and needs none to be discovered before it can send.
         self._direct = MavlinkDirectServer(self._mavsdk.server_component_by_id(MavComponent.ONBOARD_COMPUTER))
+        self._mavsdk.subscribe_raw_bytes_to_be_sent(self._transport.send)
+        opened = self._mavsdk.add_any_connection("raw://")
+        if opened is not ConnectionResult.SUCCESS:
+            raise LinkError(f"MAVSDK opens no raw connection: {opened.name.lower()}")
 
     async def _connect(self) -> None:
         deadline_s = self._loop.time() + self._settings.connect_timeout_s
         heartbeats = self.watch("HEARTBEAT")
-        opened = await self._in_thread(self._add_connection)
-        while True:
-            if opened is ConnectionResult.CONNECTION_URL_INVALID:
-                raise LinkError(f"autopilot.url {self._url} is no address that MAVSDK understands")
-            if opened is ConnectionResult.SUCCESS and await self._found(heartbeats):
-                return
+        self._transport.open(self._mavsdk_instance().pass_received_raw_bytes)
+        while not await self._found(heartbeats):
             if self._loop.time() >= deadline_s:
-                raise LinkError(self._neighbours.instead_of_ours(opened))
-            if opened is ConnectionResult.SUCCESS:
-                await asyncio.sleep(POLL_S)
-            else:
-                # A serial port that is not there yet.
-                await asyncio.sleep(min(RETRY_S, max(0.0, deadline_s - self._loop.time())))
-                opened = await self._in_thread(self._add_connection)
+                raise LinkError(self._neighbours.instead_of_ours())
+            await asyncio.sleep(POLL_S)
 
-    def _add_connection(self) -> ConnectionResult:
+    def _mavsdk_instance(self) -> Mavsdk:
         if self._mavsdk is None:
             raise LinkError("the link is closed")
-        return self._mavsdk.add_any_connection(self._url)
+        return self._mavsdk
 
     async def _found(self, heartbeats: Stream) -> bool:
         if heartbeats.newest is None:
@@ -273,6 +262,7 @@ class MavsdkLink:
         executor, self._executor = self._executor, None
         if executor is None:
             return
+        self._transport.close()
         closing = self._loop.run_in_executor(executor, self._destroy)
         try:
             await asyncio.shield(closing)

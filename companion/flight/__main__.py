@@ -19,7 +19,7 @@ from pathlib import Path
 import typer
 
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
-from companion.flight.gate_socket import GateLink
+from companion.flight.gate_socket import GateSocket
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     given = _parser().parse_args(arguments)
     try:
-        gate = GateLink.from_environment()
+        gate = GateSocket.from_environment()
         if gate is None:
             raise InputError("there is no gate, and without it nothing flies: start with `companion run`")
     except InputError as error:
@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
-def _work(given: argparse.Namespace, gate: GateLink) -> int:
+def _work(given: argparse.Namespace, gate: GateSocket) -> int:
     # Here, where Ctrl-C is waited for already: it takes seconds.
     from companion.config.settings import Settings
     from companion.flight import mission as app

@@ -8,11 +8,12 @@ import math
 from collections import Counter
 from collections.abc import Callable
 
+from companion.autopilot.interface import Transport
 from companion.clock import Clock
 from companion.errors import CompanionError
-from companion.flight.gate_socket import GateLink
+from companion.flight.gate_socket import GateSocket
 from companion.gate.faults import Stage
-from companion.gate.protocol import Beat, Phase
+from companion.gate.protocol import Beat, Notice, Phase
 from companion.model import Measurement, Pose
 from companion.recording import Recorder
 
@@ -21,8 +22,6 @@ LOOK_S = 0.1
 KINDS_OF_NOTICES = 64
 """Different texts that are counted each by itself; the rest is counted together."""
 OTHERS = "others"
-
-_STAGES = {stage.name.lower(): stage for stage in Stage}
 
 
 class GateLostError(CompanionError):
@@ -33,11 +32,11 @@ class GateTookOverError(CompanionError):
     """The gate holds or lands the vehicle, and lets nothing pass that would climb or steer."""
 
 
-class GateTalk:
+class GateClient:
     """Beats, and notices.
 
     Args:
-        link: to the gate.
+        socket: to the gate.
         clock: what time it is.
         say: shows a line to the operator.
 
@@ -49,33 +48,33 @@ class GateTalk:
         lost: set when the gate is gone.
     """
 
-    def __init__(self, link: GateLink, clock: Clock, say: Callable[[str], None]) -> None:
+    def __init__(self, socket: GateSocket, clock: Clock, say: Callable[[str], None]) -> None:
         self.phase = Phase.GROUND
         self.recorder: Recorder | None = None
         self.counted: Counter[str] = Counter()
         self.taken = asyncio.Event()
         self.lost = asyncio.Event()
-        self._link = link
+        self._socket = socket
         self._clock = clock
         self._say = say
         self._map_age_s: Callable[[], float] = lambda: math.inf
-        self._stage = Stage.PASS
-        self._stage_words = ""
+        self._notice = Notice(Stage.PASS)
 
     @property
-    def url(self) -> str:
-        """Where the gate stands in for the autopilot."""
-        return self._link.url
+    def transport(self) -> Transport:
+        """The way to the autopilot."""
+        return self._socket
 
     @property
     def beats_unsent(self) -> int:
-        """Beats for which there was no room."""
-        return self._link.unsent
+        """Beats and messages for which there was no room."""
+        return self._socket.unsent
 
     @property
     def took_over(self) -> str | None:
-        """The gate's own words for why it holds or lands, so that a foreign mode is its doing; None: it does not."""
-        return self._stage_words if self._stage >= Stage.HOLD else None
+        """What the gate does and why, so that a foreign mode is its doing; None while it neither holds nor lands."""
+        stage, fault = self._notice.stage, self._notice.fault
+        return f"{stage.name.lower()}: {fault or 'no fault named'}" if stage >= Stage.HOLD else None
 
     def has_map(self, age_s: Callable[[], float]) -> None:
         """From now on beats say how long the process of the map has been silent."""
@@ -84,7 +83,7 @@ class GateTalk:
     def ticked(self, t_s: float, pose: Pose | None, measurement: Measurement | None) -> None:
         """A tick was completed: say how old what it rests on is."""
         pose_s = math.inf if pose is None else t_s - pose.t_s
-        self._link.beat(
+        self._socket.beat(
             Beat(
                 t_s=t_s,
                 depth_age_s=math.inf if measurement is None else _age(measurement.scan_age_s),
@@ -120,15 +119,14 @@ class GateTalk:
 
     def look(self) -> None:
         """Show, record and count what the gate has said; notice when it is gone."""
-        for text in self._link.notices():
-            stage = _STAGES.get(text.partition(":")[0])
-            if stage is not None:
-                self._stage, self._stage_words = stage, text
-                if stage >= Stage.HOLD:
-                    self.taken.set()
+        for notice in self._socket.notices():
+            text = notice.text
             self.counted[text if text in self.counted or len(self.counted) < KINDS_OF_NOTICES else OTHERS] += 1
             self._tell(text)
-        if self._link.gone and not self.lost.is_set():
+        self._notice = self._socket.stage or self._notice
+        if self._notice.stage >= Stage.HOLD:
+            self.taken.set()
+        if self._socket.gone and not self.lost.is_set():
             self.lost.set()
             self._tell("gone; nothing reaches the autopilot any more, its own failsafe stops the vehicle")
 

@@ -1,90 +1,131 @@
-"""The application's end of its talk with the gate: beats and the last word go out, notices come in."""
+"""The application's end of the one socket to the gate: MAVLink and words go out, MAVLink and notices come in.
+
+A thread of its own reads it, so that what arrives is stamped when it arrives, however busy the event loop is.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import os
 import socket
+import threading
+from collections import deque
+from collections.abc import Callable
 
 from companion.errors import InputError
-from companion.gate.protocol import BEAT_FD, GATE_URL, Beat, Goodbye
+from companion.gate.protocol import GATE_FD, PACKET_BYTES, Beat, Goodbye, Notice, is_mavlink
 from companion.mavlink.text import printable
 
-LARGEST_NOTICE = 1024
-"""Bytes; a longer one arrives cut off."""
-NOTICES_AT_ONCE = 64
-"""More than this are left for the next look: a gate that floods must not take the tick's time."""
+NOTICES = 64
+"""That may wait to be looked at; the newest are kept."""
 
 
-class GateLink:
+class GateSocket:
     """Never waits, never raises: who flies must not be held up by who watches.
 
+    Implements `companion.autopilot.interface.Transport`: the gate stands in for the autopilot.
+
     Args:
-        beats: one end of an AF_UNIX SOCK_SEQPACKET pair.
-        url: where the gate stands in for the autopilot.
+        end: one end of an AF_UNIX SOCK_SEQPACKET pair, whose other end the gate has.
 
     Attributes:
         gone: whether the gate has closed its end, which it does only by dying: nothing that is sent arrives any more.
-        unsent: beats for which there was no room.
+        unsent: messages and words for which there was no room.
+        stage: the newest notice, whatever became of those before; None before the first.
     """
 
-    def __init__(self, beats: socket.socket, url: str) -> None:
-        self.url = url
+    def __init__(self, end: socket.socket) -> None:
         self.gone = False
         self.unsent = 0
-        self._beats = beats
-        self._beats.setblocking(False)
+        self.stage: Notice | None = None
+        self._notices: deque[Notice] = deque(maxlen=NOTICES)
+        self._on_frames: Callable[[bytes], None] = _nothing
+        self._end = end
+        self._end.setblocking(True)
+        self._reader = threading.Thread(target=self._read, name="gate", daemon=True)
+        self._reader.start()
 
     @classmethod
-    def from_environment(cls) -> GateLink | None:
+    def from_environment(cls) -> GateSocket | None:
         """What the gate gave its child; None when it was not the gate that started this process.
 
         Raises:
             InputError: the environment names no socket.
         """
-        number, url = os.environ.get(BEAT_FD), os.environ.get(GATE_URL)
-        if number is None or url is None:
+        number = os.environ.get(GATE_FD)
+        if number is None:
             return None
         try:
-            beats = socket.socket(fileno=int(number))
+            end = socket.socket(fileno=int(number))
             # Held by a process of ours that outlives us, it would hide from the gate that we are gone.
-            beats.set_inheritable(False)
-            return cls(beats, url)
+            end.set_inheritable(False)
+            return cls(end)
         except (ValueError, OSError) as error:
             raise InputError(
-                f"{BEAT_FD} = {number} in the environment is not the socket of a gate ({error}): start with "
+                f"{GATE_FD} = {number} in the environment is not the socket of a gate ({error}): start with "
                 "`companion run`"
             ) from None
 
-    def beat(self, beat: Beat) -> None:
-        """A tick was completed."""
-        self._send(beat.packed())
+    def open(self, on_frames: Callable[[bytes], None]) -> None:
+        """From now on ``on_frames`` gets the MAVLink that comes, in the reading thread."""
+        self._on_frames = on_frames
 
-    def goodbye(self, exit_code: int) -> None:
-        """The application ends in good order; whatever dies without this word is taken for dead."""
-        self._send(Goodbye(exit_code).packed())
+    def close(self) -> None:
+        """From now on MAVLink that comes is left."""
+        self._on_frames = _nothing
 
-    def notices(self) -> list[str]:
-        """What the gate has said since the last call, oldest first."""
-        found: list[str] = []
-        for _ in range(NOTICES_AT_ONCE):
-            try:
-                data = self._beats.recv(LARGEST_NOTICE)
-            except (BlockingIOError, InterruptedError):
-                break
-            except OSError:
-                # That it was reset comes before its last words.
-                self.gone = True
-                continue
-            if not data:
-                self.gone = True
-                break
-            found.append(printable(data.decode("utf-8", errors="replace")))
-        return found
-
-    def _send(self, data: bytes) -> None:
+    def send(self, raw: bytes) -> None:
+        """Whole MAVLink frames to the gate; what it does not take now is lost and counted."""
         try:
-            self._beats.send(data, socket.MSG_NOSIGNAL)
+            self._end.send(raw, socket.MSG_NOSIGNAL | socket.MSG_DONTWAIT)
         except (BlockingIOError, InterruptedError):
             self.unsent += 1
         except OSError:
             self.gone = True
+
+    def beat(self, beat: Beat) -> None:
+        """A tick was completed. To be called before its setpoint is sent: they arrive in this order."""
+        self.send(beat.packed())
+
+    def goodbye(self, exit_code: int) -> None:
+        """The application ends in good order; whatever dies without this word is taken for dead."""
+        self.send(Goodbye(exit_code).packed())
+
+    def notices(self) -> list[Notice]:
+        """Notices with a text that have come since the last call, oldest first."""
+        found: list[Notice] = []
+        with contextlib.suppress(IndexError):
+            while True:
+                found.append(self._notices.popleft())
+        return found
+
+    def end(self) -> None:
+        """Say and hear nothing more; for tests: the end of the process does the same."""
+        with contextlib.suppress(OSError):
+            self._end.shutdown(socket.SHUT_RDWR)
+        self._reader.join()
+        self._end.close()
+
+    def _read(self) -> None:
+        while True:
+            try:
+                data = self._end.recv(PACKET_BYTES)
+            except ConnectionResetError:
+                # That it was reset comes before its last words.
+                continue
+            except OSError:
+                data = b""
+            if not data:
+                self.gone = True
+                return
+            if is_mavlink(data):
+                self._on_frames(data)
+            elif (notice := Notice.unpacked(data)) is not None:
+                self.stage = notice
+                if notice.text:
+                    self._notices.append(dataclasses.replace(notice, text=printable(notice.text)))
+
+
+def _nothing(_frames: bytes) -> None:
+    """Nobody is there yet, or any more."""

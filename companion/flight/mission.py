@@ -21,8 +21,8 @@ from companion.config.show import dump_yaml
 from companion.errors import InputError
 from companion.flight.airborne import InTheAir
 from companion.flight.control_loop import Pilot
-from companion.flight.gate_client import GateTalk
-from companion.flight.gate_socket import GateLink
+from companion.flight.gate_client import GateClient
+from companion.flight.gate_socket import GateSocket
 from companion.flight.operator_commands import InterruptedFlightError, Orders
 from companion.flight.preflight import CheckResult
 from companion.flight.preflight.run import Options, checked, passed
@@ -42,16 +42,16 @@ CHECKS_HOLD_S = 30.0
 """A start that comes later than this finds the vehicle checked anew: a battery empties, a sensor falls silent."""
 
 
-async def check(settings: Settings, options: Options, gate: GateLink, say: Say) -> list[CheckResult]:
+async def check(settings: Settings, options: Options, gate: GateSocket, say: Say) -> list[CheckResult]:
     """Connect, listen for a moment and run the pre-flight checks. Nothing is armed."""
     _load(settings, say)
     clock = MonotonicClock()
-    async with open_session(settings, clock, GateTalk(gate, clock, say)) as session:
+    async with open_session(settings, clock, GateClient(gate, clock, say)) as session:
         return await checked(session, options, say)
 
 
 async def fly(
-    settings: Settings, options: Options, gate: GateLink, say: Say, resume_map: Path | None = None
+    settings: Settings, options: Options, gate: GateSocket, say: Say, resume_map: Path | None = None
 ) -> dict[str, Any]:
     """One flight: checks, start, take-off, exploring, and the end as configured.
 
@@ -80,7 +80,7 @@ async def fly(
     with orders.signals():
         try:
             clock = MonotonicClock()
-            async with open_session(settings, clock, GateTalk(gate, clock, say)) as session:
+            async with open_session(settings, clock, GateClient(gate, clock, say)) as session:
                 orders.listen(session.link)
                 announcer = Announcer(session.link, session.clock)
                 async with background(announcer.run()):

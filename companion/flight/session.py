@@ -14,7 +14,7 @@ from companion.autopilot.telemetry import Telemetry
 from companion.clock import Clock
 from companion.config.settings import Settings
 from companion.errors import InputError
-from companion.flight.gate_client import GateTalk
+from companion.flight.gate_client import GateClient
 from companion.flight.tasks import background
 from companion.sensors.drivers import DriverContext, SensorDriver, load_drivers
 from companion.sensors.sink import SensorSink
@@ -36,11 +36,11 @@ class Session:
     telemetry: Telemetry
     sink: SensorSink
     inputs: Inputs
-    gate: GateTalk
+    gate: GateClient
 
 
 @asynccontextmanager
-async def open_session(settings: Settings, clock: Clock, gate: GateTalk) -> AsyncIterator[Session]:
+async def open_session(settings: Settings, clock: Clock, gate: GateClient) -> AsyncIterator[Session]:
     """Connect to the autopilot through the gate and start the sensors; everything ends with the block.
 
     Raises:
@@ -48,7 +48,7 @@ async def open_session(settings: Settings, clock: Clock, gate: GateTalk) -> Asyn
         GateLostError: the gate ended before anything flew.
         InputError: a driver's settings can never work.
     """
-    async with background(gate.run()), MavsdkLink(settings.autopilot, clock, gate.url) as link:
+    async with background(gate.run()), MavsdkLink(settings.autopilot, clock, gate.transport) as link:
         autopilot = settings.autopilot
         telemetry = Telemetry(link, clock, autopilot.attitude_hz, autopilot.position_hz)
         sink = SensorSink(clock)

@@ -15,13 +15,14 @@ from companion.gate import allowlist as permits
 from companion.gate.escalation import Ladder
 from companion.gate.failsafe_actions import Answer
 from companion.gate.fault_monitor import EVENT_S, Watch
-from companion.gate.faults import Stage
+from companion.gate.faults import Fault, Stage
 from companion.gate.geofence import excess_m
 from companion.gate.outgoing import Voice
 from companion.gate.plan import Plan
-from companion.gate.protocol import Goodbye, Phase, unpacked
+from companion.gate.protocol import Goodbye, Notice, Phase, unpacked
 from companion.gate.setpoint_limits import Asked, beyond, read
 from companion.gate.vehicle import READ, Vehicle
+from companion.gate.verdict import Verdict
 from companion.mavlink.codec import NAMES, Frame, decode
 from companion.mavlink.ids import MavCmd, MavComponent, MavResult
 
@@ -32,6 +33,9 @@ TOLD_AGAIN_S = 1.0
 """A pilot reads no faster."""
 BURST_S = 0.5
 """Messages of this time may come at once."""
+STAGE_S = 0.1
+"""The application is told the stage again this often: a notice of it may have been lost."""
+NOT_LISTED = "not on the list"
 
 Fields = Mapping[str, Any]
 
@@ -64,6 +68,7 @@ class Gate:
         self._was_airborne = False
         self._told_taken_over = False
         self._told_stage = Stage.PASS
+        self._noticed_s = -math.inf
 
     @property
     def stage(self) -> Stage:
@@ -90,7 +95,7 @@ class Gate:
     def application_died(self, why: str) -> None:
         """Its process ended without a last word."""
         self._watch.died = True
-        self._voice.note(f"the application {why}")
+        self._voice.note(f"the application {why}", Fault.APPLICATION)
 
     def hangs(self, now_s: float) -> bool:
         """Whether the application has to be killed: it should tick, and has not for long."""
@@ -98,9 +103,17 @@ class Gate:
         at_work = Phase.GROUND < phase < Phase.ENDED and not self._watch.died
         return at_work and self._watch.beat_age_s(now_s) > self._plan.thresholds.hang_s
 
-    def take_notices(self) -> list[str]:
-        """What there is to tell since the last call, for the log and the application."""
-        return self._voice.take_notices()
+    def take_notices(self, now_s: float) -> list[Notice]:
+        """What there is to tell since the last call, for the log and the application; the stage at least now and then.
+
+        A notice without a text only says the stage again.
+        """
+        notices = [Notice(self.stage, fault, words) for fault, words in self._voice.take_notices()]
+        if not notices and now_s - self._noticed_s >= STAGE_S:
+            notices = [Notice(self.stage, self._ladder.because)]
+        if notices:
+            self._noticed_s = now_s
+        return notices
 
     def take_upward(self) -> list[bytes]:
         """The gate's own messages for the application since the last call: answers to commands that it refused."""
@@ -143,13 +156,12 @@ class Gate:
             self._ordered(fields, frame)
         return fields.get("target_component") not in (MavComponent.ONBOARD_COMPUTER, MavComponent.ONBOARD_COMPUTER2)
 
-    def application_spoke(self, frame: Frame, now_s: float) -> bytes | None:
-        """One message of the application: what goes to the autopilot, itself or a stop in its place; None: nothing."""
-        answer = self._answer_to(frame, now_s)
-        if isinstance(answer, bytes):
-            return answer
-        self.counts[f"application: {answer}"] += 1
-        return None
+    def application_spoke(self, frame: Frame, now_s: float) -> Verdict:
+        """Judge one message of the application."""
+        verdict = self._judge(frame, now_s)
+        if verdict.refused:
+            self.counts[f"application: {verdict.refused}"] += 1
+        return verdict
 
     def cycle(self, now_s: float) -> list[bytes]:
         """What the gate itself has to say now, to the autopilot and everybody attached."""
@@ -160,7 +172,7 @@ class Gate:
             ended = self._watch.phase is Phase.ENDED and self.stage >= Stage.HOLD
             lasting = self._ladder.counting if ended else frozenset()
             for fault in sorted(self._ladder.update(frozenset(found) | lasting, now_s)):
-                self._voice.say(f"{fault} {found[fault]}".strip())
+                self._voice.say(f"{fault} {found[fault]}".strip(), fault)
         elif self._vehicle.taken_over is not None and self._vehicle.airborne and not self._told_taken_over:
             self._told_taken_over = True
             self._voice.say(f"hands off, mode {self._vehicle.taken_over}")
@@ -169,7 +181,8 @@ class Gate:
             answers += self._answer.due(now_s)
         if self.stage is not self._told_stage:
             self._told_stage = self.stage
-            self._voice.say(f"{self.stage.name.lower()}: {self._ladder.because or 'all is well'}")
+            because = self._ladder.because
+            self._voice.say(f"{self.stage.name.lower()}: {because or 'all is well'}", because)
         return answers + self._voice.due(self.stage, self.airborne, now_s)
 
     def _note_the_end_of_a_flight(self) -> None:
@@ -181,43 +194,44 @@ class Gate:
             self._told_taken_over = False
         self._was_airborne = airborne
 
-    def _answer_to(self, frame: Frame, now_s: float) -> bytes | str:
-        """What goes down in answer to a message of the application, or why nothing does."""
+    def _judge(self, frame: Frame, now_s: float) -> Verdict:
         if not self._has_token(now_s):
             self._watch.flooded_s = now_s
-            return "flood"
+            return Verdict.refusal("flood")
         name, fields = NAMES.get(frame.message_id), decode(frame)
         if fields is None or (frame.system_id, frame.component_id) != (
             self._plan.system_id,
             MavComponent.ONBOARD_COMPUTER,
         ):
-            return "not on the list"
+            return Verdict.refusal(NOT_LISTED)
         if name == permits.SETPOINT:
             return self._setpoint(frame, fields, now_s)
         if name == "PARAM_SET":
             standing = self._vehicle.kind is not None and not self._vehicle.armed
-            return frame.raw if standing else "parameter in flight"
+            return Verdict.passed(frame.raw) if standing else Verdict.refusal("parameter in flight")
         if name == "COMMAND_LONG":
             return self._command(frame, fields, now_s)
         asks = name == "COMMAND_INT" and fields["command"] in permits.ASKING
-        return frame.raw if asks or name in permits.ALWAYS else "not on the list"
+        listed = asks or name in permits.ALWAYS
+        return Verdict.passed(frame.raw) if listed else Verdict.refusal(NOT_LISTED)
 
-    def _setpoint(self, frame: Frame, fields: Fields, now_s: float) -> bytes | str:
+    def _setpoint(self, frame: Frame, fields: Fields, now_s: float) -> Verdict:
         asked = read(fields, self._plan.system_id, now_s)
         why = asked if isinstance(asked, str) else self._why_not(asked)
         if isinstance(asked, Asked):
             self._watch.asked = asked
         if self._vehicle.taken_over is not None or self._answer.deaf(now_s):
-            return "setpoint, but hands are off"
+            return Verdict.refusal("setpoint, but hands are off")
         if why is not None:
             if now_s - self._watch.bad_s > TOLD_AGAIN_S:
-                self._voice.say(f"setpoint {why}")
+                self._voice.say(f"setpoint {why}", Fault.SETPOINT_BAD)
             self._watch.bad_s = now_s
             self.counts["application: setpoint that broke a limit"] += 1
         if self.stage >= Stage.BRAKE:
-            return "setpoint while the gate stops"
+            return Verdict.refusal("setpoint while the gate stops")
         # The one after it is no better for being alike; the stage that stops them all comes with the next cycle.
-        return frame.raw if now_s - self._watch.bad_s >= EVENT_S else self._voice.stop(now_s)
+        good = now_s - self._watch.bad_s >= EVENT_S
+        return Verdict.passed(frame.raw if good else self._voice.stop(now_s))
 
     def _why_not(self, asked: Asked) -> str | None:
         """What speaks against a setpoint that can be read; None: nothing."""
@@ -240,15 +254,15 @@ class Gate:
         beyond_m = -math.inf if there is None else excess_m(self._plan.fence, *there)
         return "over the fence" if beyond_m > max(0.0, excess_m(self._plan.fence, *motion.place_m)) else None
 
-    def _command(self, frame: Frame, fields: Fields, now_s: float) -> bytes | str:
+    def _command(self, frame: Frame, fields: Fields, now_s: float) -> Verdict:
         command = int(fields["command"])
         if fields["target_system"] != self._plan.system_id or fields["target_component"] not in (
             0,
             MavComponent.AUTOPILOT1,
         ):
-            return "command for another"
+            return Verdict.refusal("command for another")
         if command in permits.ASKING:
-            return frame.raw
+            return Verdict.passed(frame.raw)
         if command not in permits.MOVING or not self._may_move(command, fields, now_s):
             self._voice.note(f"command {command} refused")
             self._upward.append(
@@ -256,9 +270,9 @@ class Gate:
                     command, MavResult.TEMPORARILY_REJECTED, self._plan.system_id, MavComponent.ONBOARD_COMPUTER
                 )
             )
-            return "command refused"
+            return Verdict.refusal("command refused")
         self._vehicle.told(command, fields, MavComponent.ONBOARD_COMPUTER)
-        return frame.raw
+        return Verdict.passed(frame.raw)
 
     def _may_move(self, command: int, fields: Fields, now_s: float) -> bool:
         """Whether a command that moves may pass now: to end a flight always, unless somebody else has the vehicle."""

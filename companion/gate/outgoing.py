@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 
-from companion.gate.faults import Stage
+from companion.gate.faults import Fault, Stage
 from companion.mavlink.codec import Encoder
 from companion.mavlink.ids import (
     MAVLINK_VERSION,
@@ -45,20 +45,20 @@ class Voice:
         self._encoder = Encoder(system_id, MavComponent.ONBOARD_COMPUTER2)
         self._system_id = system_id
         self._texts: deque[str] = deque(maxlen=TEXTS)
-        self._notices: deque[str] = deque(maxlen=NOTICES)
+        self._notices: deque[tuple[Fault | None, str]] = deque(maxlen=NOTICES)
         self._text_s = self._heartbeat_s = -math.inf
 
-    def say(self, words: str) -> None:
+    def say(self, words: str, fault: Fault | None = None) -> None:
         """To the pilot, the log and the application; the oldest give way when nobody listens."""
         self._texts.append(words)
-        self.note(words)
+        self.note(words, fault)
 
-    def note(self, words: str) -> None:
+    def note(self, words: str, fault: Fault | None = None) -> None:
         """To the log and the application only."""
-        self._notices.append(words)
+        self._notices.append((fault, words))
 
-    def take_notices(self) -> list[str]:
-        """Everything that was said since the last call."""
+    def take_notices(self) -> list[tuple[Fault | None, str]]:
+        """Everything that was said since the last call, and the fault that each is about."""
         taken = list(self._notices)
         self._notices.clear()
         return taken

@@ -1,7 +1,11 @@
-"""What the application tells the gate, over a socket that only its child has: beats, and its last word.
+"""What the application and the gate say to each other beside MAVLink, over the one socket that only they have.
+
+The gate makes a pair of AF_UNIX SOCK_SEQPACKET sockets and gives one end to the application that it starts. Each packet
+is whole MAVLink frames, or one word of this module; both ways they arrive in the order in which they were sent. There
+is no port, and no token that could be read, guessed or sent again.
 
 A beat says that a tick was completed, and how old what it rested on was. Without one no setpoint passes: a stream of
-setpoints alone proves only that a thread is alive.
+setpoints alone proves only that a thread is alive. A notice says what the gate does, and why.
 """
 
 from __future__ import annotations
@@ -11,14 +15,21 @@ import math
 import struct
 from dataclasses import astuple, dataclass
 
-BEAT_FD = "COMPANION_GATE_FD"
-"""Environment variable: number of the inherited file descriptor, an AF_UNIX SOCK_SEQPACKET socket."""
-GATE_URL = "COMPANION_GATE_URL"
-"""Environment variable: where the child finds the autopilot, a ``udpout://`` address on loopback."""
+from companion.gate.faults import Fault, Stage
+from companion.mavlink.codec import MAVLINK_1, MAVLINK_2
 
-_FORMAT = struct.Struct("<4sB6d")
-_BEAT, _GOODBYE = b"beat", b"bye!"
-_FAREWELL = struct.Struct("<4sB")
+GATE_FD = "COMPANION_GATE_FD"
+"""Environment variable: number of the inherited file descriptor."""
+PACKET_BYTES = 2048
+"""No packet is larger."""
+
+_BEAT, _GOODBYE, _NOTICE = b"beat", b"bye!", b"note"
+_BEAT_FORMAT = struct.Struct("<4sB6d")
+_GOODBYE_FORMAT = struct.Struct("<4sB")
+_NOTICE_FORMAT = struct.Struct("<4sBB")
+_NO_FAULT = 0xFF
+_FAULTS = tuple(Fault)
+_TEXT_BYTES = 240
 
 
 class Phase(enum.IntEnum):
@@ -62,7 +73,7 @@ class Beat:
     def packed(self) -> bytes:
         """For the socket."""
         *numbers, phase = astuple(self)
-        return _FORMAT.pack(_BEAT, phase, *numbers)
+        return _BEAT_FORMAT.pack(_BEAT, phase, *numbers)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,16 +84,52 @@ class Goodbye:
 
     def packed(self) -> bytes:
         """For the socket."""
-        return _FAREWELL.pack(_GOODBYE, self.exit_code & 0xFF)
+        return _GOODBYE_FORMAT.pack(_GOODBYE, self.exit_code & 0xFF)
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """What the gate does now.
+
+    Attributes:
+        stage: of its answer to the faults there are.
+        fault: that the stage, or the text, is about; None: none.
+        text: for the operator; empty where only the stage is said again.
+    """
+
+    stage: Stage
+    fault: Fault | None = None
+    text: str = ""
+
+    def packed(self) -> bytes:
+        """For the socket; a text that is too long is cut."""
+        fault = _NO_FAULT if self.fault is None else _FAULTS.index(self.fault)
+        return _NOTICE_FORMAT.pack(_NOTICE, self.stage, fault) + self.text.encode()[:_TEXT_BYTES]
+
+    @staticmethod
+    def unpacked(data: bytes) -> Notice | None:
+        """What a packet says; None when it is no notice, or says something that cannot be."""
+        if len(data) < _NOTICE_FORMAT.size or not data.startswith(_NOTICE):
+            return None
+        _, stage, fault = _NOTICE_FORMAT.unpack_from(data)
+        if stage not in tuple(Stage) or (fault != _NO_FAULT and fault >= len(_FAULTS)):
+            return None
+        text = data[_NOTICE_FORMAT.size :].decode(errors="replace")
+        return Notice(Stage(stage), None if fault == _NO_FAULT else _FAULTS[fault], text)
+
+
+def is_mavlink(packet: bytes) -> bool:
+    """Whether a packet is MAVLink frames: their first byte is never that of a word of this module."""
+    return packet[:1] in (bytes((MAVLINK_1,)), bytes((MAVLINK_2,)))
 
 
 def unpacked(data: bytes) -> Beat | Goodbye | None:
-    """What a datagram says; None when it is neither, or says something that cannot be."""
-    if len(data) == _FAREWELL.size and data.startswith(_GOODBYE):
+    """What the application says; None when it is neither, or says something that cannot be."""
+    if len(data) == _GOODBYE_FORMAT.size and data.startswith(_GOODBYE):
         return Goodbye(data[-1])
-    if len(data) != _FORMAT.size or not data.startswith(_BEAT):
+    if len(data) != _BEAT_FORMAT.size or not data.startswith(_BEAT):
         return None
-    _, phase, t_s, depth_s, ranges_s, pose_s, ahead_m, map_s = _FORMAT.unpack(data)
+    _, phase, t_s, depth_s, ranges_s, pose_s, ahead_m, map_s = _BEAT_FORMAT.unpack(data)
     # An age below zero is a stamp from the future: it says nothing of how old the thing is.
     ages = (depth_s, ranges_s, pose_s, map_s)
     if phase not in tuple(Phase) or not math.isfinite(t_s) or not all(age >= 0.0 for age in ages) or ahead_m < 0.0:

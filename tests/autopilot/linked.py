@@ -10,6 +10,7 @@ import pytest
 from companion.autopilot.link import MavsdkLink
 from companion.clock import MonotonicClock
 from companion.config.autopilot import AutopilotSettings
+from tests.autopilot.udp_transport import UdpTransport
 
 ARM, LAND = 400, 21
 """Two commands: what they do plays no part here."""
@@ -20,7 +21,7 @@ def link_on(port: int, timeout_s: float = 10.0, system_id: int = 1) -> MavsdkLin
     settings = AutopilotSettings(
         url=f"udpin://127.0.0.1:{port}", connect_timeout_s=timeout_s, system_id=system_id, command_timeout_s=2.0
     )
-    return MavsdkLink(settings, MonotonicClock())
+    return MavsdkLink(settings, MonotonicClock(), UdpTransport(port))
 
 
 def flown(port: int, work: Callable[[MavsdkLink], Awaitable[None]], system_id: int = 1) -> None:

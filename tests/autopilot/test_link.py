@@ -11,8 +11,6 @@ import pytest
 
 from companion.autopilot.interface import LinkError
 from companion.autopilot.link import MavsdkLink
-from companion.clock import MonotonicClock
-from companion.config.autopilot import AutopilotSettings
 from companion.mavlink.firmware import AutopilotKind
 from tests.autopilot.linked import flown, link_on
 from tests.autopilot.responder import Responder, free_port
@@ -67,18 +65,6 @@ def test_when_our_autopilot_is_not_there_the_error_says_what_was(
         asyncio.run(connect())
     assert str(port) in str(caught.value)
     assert ended_down_to(before)
-
-
-def test_a_serial_port_that_is_not_there_is_waited_for_and_named() -> None:
-    """Protects the start before the flight controller has come up on USB."""
-    settings = AutopilotSettings(url="serial:///dev/no_such_port:57600", connect_timeout_s=1.2)
-
-    async def connect() -> None:
-        async with MavsdkLink(settings, MonotonicClock()):
-            pytest.fail("connected to nobody")
-
-    with pytest.raises(LinkError, match=r"no_such_port.*cannot be opened"):
-        asyncio.run(connect())
 
 
 def test_leaving_ends_every_thread_and_nothing_works_afterwards() -> None:

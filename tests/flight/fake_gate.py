@@ -6,14 +6,16 @@ import os
 import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Sequence
 from types import TracebackType
 
-from companion.flight.gate_socket import GateLink
-from companion.gate.protocol import BEAT_FD, GATE_URL, Beat, Goodbye, unpacked
+from companion.flight.gate_socket import GateSocket
+from companion.gate.faults import Stage
+from companion.gate.protocol import GATE_FD, Beat, Goodbye, Notice, is_mavlink, unpacked
 
-DEAF_PORT = 9
-"""The discard port: nobody answers there."""
+MARK = b"\xfd"
+"""No message, but passed on as if it were one: what was sent before it has been read by then."""
 
 
 class FakeGate:
@@ -26,7 +28,9 @@ class FakeGate:
     def __init__(self) -> None:
         self._ours, self._its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._ours.setblocking(False)
-        self.link = GateLink(self._its, f"udpout://127.0.0.1:{DEAF_PORT}")
+        self.link = GateSocket(self._its)
+        self._read = threading.Event()
+        self.link.open(lambda _: self._read.set())
 
     def __enter__(self) -> FakeGate:
         return self
@@ -35,15 +39,24 @@ class FakeGate:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.die()
-        self._its.close()
+        self.link.end()
 
-    def say(self, text: str) -> None:
-        """A notice."""
-        self._ours.send(text.encode())
+    def say(self, *texts: str) -> None:
+        """Give notices that only tell something, and return when they have been read."""
+        self.notify(*(Notice(Stage.PASS, None, text) for text in texts))
+
+    def notify(self, *notices: Notice) -> None:
+        """Give notices, and return when they have been read."""
+        for notice in notices:
+            self._ours.send(notice.packed())
+        self._read.clear()
+        self._ours.send(MARK)
+        assert self._read.wait(10.0), "the application reads nothing"
 
     def die(self) -> None:
-        """As if it had been killed."""
+        """As if it had been killed; returns when that has been noticed."""
         self._ours.close()
+        self.link._reader.join(10.0)
 
     def heard(self) -> list[Beat | Goodbye]:
         """What was said since the last call."""
@@ -55,6 +68,8 @@ class FakeGate:
                 return found
             if not data:
                 return found
+            if is_mavlink(data):
+                continue
             said = unpacked(data)
             assert said is not None, f"the gate cannot read {data!r}"
             found.append(said)
@@ -71,7 +86,7 @@ class FakeGate:
         number = self._its.fileno()
         return subprocess.run(
             [sys.executable, "-m", "companion.flight", *words],
-            env={**os.environ, BEAT_FD: str(number), GATE_URL: self.link.url},
+            env={**os.environ, GATE_FD: str(number)},
             pass_fds=(number, *inherit),
             stdin=subprocess.DEVNULL,
             capture_output=True,

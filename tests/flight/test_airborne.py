@@ -12,10 +12,11 @@ import pytest
 
 from companion.config.load import load_settings
 from companion.flight.airborne import InTheAir
-from companion.flight.gate_client import GateLostError, GateTalk, GateTookOverError
+from companion.flight.gate_client import GateClient, GateLostError, GateTookOverError
 from companion.flight.operator_commands import InterruptedFlightError, Orders
 from companion.flight.termination import Ending
-from companion.gate.protocol import Phase
+from companion.gate.faults import Fault, Stage
+from companion.gate.protocol import Notice, Phase
 from companion.mavlink.firmware import AutopilotKind
 from tests.autopilot.fake_link import HandClock
 from tests.flight.fake_gate import FakeGate
@@ -26,7 +27,7 @@ from tests.flight.test_termination import standing
 class Vehicle:
     """Does what it is told, and notes it; hangs in the manoeuvre that the test names."""
 
-    def __init__(self, gate: GateTalk) -> None:
+    def __init__(self, gate: GateClient) -> None:
         self.told: list[tuple[str, Phase]] = []
         self.hangs = ""
         self.patience_s = 60.0
@@ -68,7 +69,7 @@ class Vehicle:
 class Pilot:
     """Ticks, until the test has it fail."""
 
-    def __init__(self, gate: GateTalk, vehicle: Vehicle) -> None:
+    def __init__(self, gate: GateClient, vehicle: Vehicle) -> None:
         self.exploring = False
         self.fresh_s = 0.0
         self.fails = False
@@ -92,7 +93,7 @@ class Stand:
 
     def __init__(self, gate: FakeGate) -> None:
         self.gate = gate
-        self.talk = GateTalk(gate.link, HandClock(), lambda _: None)
+        self.talk = GateClient(gate.link, HandClock(), lambda _: None)
         self.vehicle = Vehicle(self.talk)
         self.pilot = Pilot(self.talk, self.vehicle)
         self.orders = Orders(by_command=False)
@@ -121,7 +122,7 @@ class Stand:
         elif what == "gate dies":
             self.gate.die()
         elif what == "gate holds":
-            self.gate.say("hold: depth_stale")
+            self.gate.notify(Notice(Stage.HOLD, Fault.DEPTH_STALE, "hold: depth_stale"))
             await asyncio.sleep(0.1)
             self.vehicle.foreign_mode = "hold"
         elif what == "tick fails":

@@ -18,12 +18,12 @@ from companion.config.settings import Settings
 from companion.errors import InputError
 from companion.flight import __main__ as flight_process
 from companion.flight import mission as app
-from companion.flight.gate_socket import GateLink
+from companion.flight.gate_socket import GateSocket
 from companion.flight.launch import sealed
 from companion.flight.operator_commands import InterruptedFlightError
 from companion.flight.preflight import CheckResult
 from companion.flight.preflight.run import Options
-from companion.gate.protocol import BEAT_FD, GATE_URL, Goodbye
+from companion.gate.protocol import GATE_FD, Goodbye
 from tests.flight.fake_gate import FakeGate
 
 SETTINGS = load_settings()
@@ -51,13 +51,13 @@ def signals() -> Iterator[None]:
 @pytest.fixture
 def gate(monkeypatch: pytest.MonkeyPatch) -> Iterator[FakeGate]:
     with FakeGate() as fake:
-        monkeypatch.setattr(GateLink, "from_environment", lambda: fake.link)
+        monkeypatch.setattr(GateSocket, "from_environment", lambda: fake.link)
         yield fake
 
 
 def test_without_a_gate_nothing_runs(capfd: pytest.CaptureFixture[str]) -> None:
     """Protects the one promise of the gate: that nothing reaches the vehicle which it has not checked."""
-    environment = {key: value for key, value in os.environ.items() if key not in (BEAT_FD, GATE_URL)}
+    environment = {key: value for key, value in os.environ.items() if key != GATE_FD}
     command = [sys.executable, "-m", "companion.flight", "run", "--settings-fd", "0", "--preset", "flight"]
     ended = subprocess.run(command, env=environment, check=False, timeout=60.0)
     assert ended.returncode == 2
@@ -153,9 +153,9 @@ def test_checks_decide_the_exit_code(
 
 def test_what_stands_on_the_command_line_reaches_the_flight(gate: FakeGate, monkeypatch: pytest.MonkeyPatch) -> None:
     """After a death it is started with --start: what flew by itself before must not do so again."""
-    found: list[tuple[Settings, Options, GateLink]] = []
+    found: list[tuple[Settings, Options, GateSocket]] = []
 
-    async def fly(settings: Settings, options: Options, link: GateLink, *_: object) -> dict[str, Any]:
+    async def fly(settings: Settings, options: Options, link: GateSocket, *_: object) -> dict[str, Any]:
         found.append((settings, options, link))
         return summary()
 

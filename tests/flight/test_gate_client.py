@@ -11,8 +11,9 @@ from typing import cast
 
 import pytest
 
-from companion.flight.gate_client import KINDS_OF_NOTICES, OTHERS, GateLostError, GateTalk
-from companion.gate.protocol import Phase
+from companion.flight.gate_client import KINDS_OF_NOTICES, OTHERS, GateClient, GateLostError
+from companion.gate.faults import Fault, Stage
+from companion.gate.protocol import Notice, Phase
 from companion.model import Pose
 from companion.recording import Recorder
 from tests.autopilot.fake_link import HandClock
@@ -31,7 +32,7 @@ class Stand:
         self.clock = HandClock(100.0)
         self.said: list[str] = []
         self.notes = Notes()
-        self.talk = GateTalk(gate.link, self.clock, self.said.append)
+        self.talk = GateClient(gate.link, self.clock, self.said.append)
         self.talk.recorder = cast("Recorder", self.notes)
 
 
@@ -69,8 +70,7 @@ def test_a_stamp_from_the_future_is_no_age(stand: Stand) -> None:
 
 
 def test_notices_are_shown_recorded_and_counted(stand: Stand) -> None:
-    for text in ("brake: depth_stale", "pass: all is well", "brake: depth_stale"):
-        stand.gate.say(text)
+    stand.gate.say("brake: depth_stale", "pass: all is well", "brake: depth_stale")
     stand.talk.look()
     assert stand.said == ["gate: brake: depth_stale", "gate: pass: all is well", "gate: brake: depth_stale"]
     assert ("gate", "brake: depth_stale", logging.WARNING) in stand.notes.events
@@ -86,23 +86,23 @@ def test_a_gate_with_ever_new_words_does_not_fill_the_memory(stand: Stand) -> No
 
 
 @pytest.mark.parametrize(
-    ("texts", "took_over"),
+    ("stages", "took_over"),
     [
         ((), None),
-        (("brake: beat_late",), None),
-        (("brake: beat_late", "hold: beat_late"), "hold: beat_late"),
-        (("hold: beat_late", "land: beat_late", "beat_late again"), "land: beat_late"),
-        (("hold: beat_late", "pass: all is well"), None),
+        ((Stage.BRAKE,), None),
+        ((Stage.BRAKE, Stage.HOLD), "hold: beat_late"),
+        ((Stage.HOLD, Stage.LAND), "land: beat_late"),
+        ((Stage.HOLD, Stage.PASS), None),
     ],
 )
 def test_it_is_known_whether_the_gate_has_taken_the_mode(
-    stand: Stand, texts: tuple[str, ...], took_over: str | None
+    stand: Stand, stages: tuple[Stage, ...], took_over: str | None
 ) -> None:
     """Else an operator would look for a pilot, or for a failsafe of the autopilot, that there was not."""
-    for text in texts:
-        stand.gate.say(text)
+    stand.gate.notify(*(Notice(stage, Fault.BEAT_LATE) for stage in stages))
     stand.talk.look()
     assert stand.talk.took_over == took_over
+    assert stand.talk.taken.is_set() == (took_over is not None)
 
 
 def test_the_loss_of_the_gate_is_told_once(stand: Stand) -> None:

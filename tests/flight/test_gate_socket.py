@@ -1,4 +1,4 @@
-"""The application's end of its talk with the gate never waits and never raises."""
+"""The application's end of the socket to the gate never waits and never raises."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import socket
 import pytest
 
 from companion.errors import InputError
-from companion.flight.gate_socket import NOTICES_AT_ONCE, GateLink
-from companion.gate.protocol import BEAT_FD, GATE_URL, Beat, Goodbye, Phase
-from tests.flight.fake_gate import FakeGate
+from companion.flight.gate_socket import NOTICES, GateSocket
+from companion.gate.faults import Fault, Stage
+from companion.gate.protocol import GATE_FD, Beat, Goodbye, Notice, Phase
+from tests.flight.fake_gate import MARK, FakeGate
 
 BEAT = Beat(10.0, 0.1, 0.1, 0.02, 3.0, 0.5, Phase.EXPLORING)
 
@@ -25,19 +26,45 @@ def test_beats_and_the_last_word_arrive_in_order() -> None:
 
 def test_notices_come_in_order_and_cannot_steer_a_terminal() -> None:
     with FakeGate() as gate:
-        gate.say("brake: depth_stale")
-        gate.say("a\x1b[2Jb")
-        assert gate.link.notices() == ["brake: depth_stale", "a [2Jb"]
+        brake = Notice(Stage.BRAKE, Fault.DEPTH_STALE, "brake: depth_stale")
+        gate.notify(brake, Notice(Stage.BRAKE, None, "a\x1b[2Jb"))
+        assert gate.link.notices() == [brake, Notice(Stage.BRAKE, None, "a [2Jb")]
         assert gate.link.notices() == []
         assert not gate.link.gone
 
 
+def test_the_stage_is_known_without_its_text() -> None:
+    """Protects from a lost notice: a take-off would go on under a gate that lands the vehicle."""
+    with FakeGate() as gate:
+        assert gate.link.stage is None
+        gate.notify(Notice(Stage.LAND, Fault.ESTIMATOR))
+        assert gate.link.notices() == []
+        assert gate.link.stage == Notice(Stage.LAND, Fault.ESTIMATOR)
+
+
+def test_mavlink_and_words_go_both_ways_in_their_order() -> None:
+    """A beat has to be there before the setpoint that rests on it."""
+    with FakeGate() as gate:
+        came: list[bytes] = []
+        marked = gate.link._on_frames
+
+        def on_frames(frames: bytes) -> None:
+            came.append(frames)
+            marked(frames)
+
+        gate.link.open(on_frames)
+        gate._ours.send(b"\xfd up")
+        gate.say("between")
+        gate.link.beat(BEAT)
+        gate.link.send(b"\xfd down")
+        assert came == [b"\xfd up", MARK]
+        assert [gate._ours.recv(4096) for _ in range(2)] == [BEAT.packed(), b"\xfd down"]
+
+
 def test_a_gate_that_floods_costs_a_tick_no_more_than_so_many() -> None:
     with FakeGate() as gate:
-        for number in range(NOTICES_AT_ONCE + 3):
-            gate.say(str(number))
-        assert len(gate.link.notices()) == NOTICES_AT_ONCE
-        assert gate.link.notices() == [str(NOTICES_AT_ONCE + i) for i in range(3)]
+        gate.say(*map(str, range(NOTICES + 3)))
+        assert [notice.text for notice in gate.link.notices()] == [str(number) for number in range(3, NOTICES + 3)]
 
 
 def test_a_gate_that_does_not_read_holds_up_nobody() -> None:
@@ -58,9 +85,9 @@ def test_the_death_of_the_gate_is_noticed_and_its_last_words_are_heard(unread: b
     with FakeGate() as gate:
         if unread:
             gate.link.beat(BEAT)
-        gate.say("land: estimator")
+        gate._ours.send(Notice(Stage.LAND, Fault.ESTIMATOR, "land: estimator").packed())
         gate.die()
-        assert gate.link.notices() == ["land: estimator"]
+        assert [notice.text for notice in gate.link.notices()] == ["land: estimator"]
         assert gate.link.gone
         gate.link.beat(BEAT)
         gate.link.goodbye(0)
@@ -75,11 +102,8 @@ def test_a_beat_to_a_dead_gate_tells_that_it_is_dead() -> None:
 
 
 def test_without_a_gate_there_is_no_link(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(BEAT_FD, raising=False)
-    monkeypatch.delenv(GATE_URL, raising=False)
-    assert GateLink.from_environment() is None
-    monkeypatch.setenv(BEAT_FD, "3")
-    assert GateLink.from_environment() is None, "half a gate is none"
+    monkeypatch.delenv(GATE_FD, raising=False)
+    assert GateSocket.from_environment() is None
 
 
 def test_the_link_is_the_inherited_socket_and_goes_no_further(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -87,24 +111,21 @@ def test_the_link_is_the_inherited_socket_and_goes_no_further(monkeypatch: pytes
     ours, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     number = os.dup(its.fileno())
     os.set_inheritable(number, True)
-    monkeypatch.setenv(BEAT_FD, str(number))
-    monkeypatch.setenv(GATE_URL, "udpout://127.0.0.1:5")
+    monkeypatch.setenv(GATE_FD, str(number))
     with ours, its:
-        link = GateLink.from_environment()
+        link = GateSocket.from_environment()
         assert link is not None
-        assert link.url == "udpout://127.0.0.1:5"
         assert not os.get_inheritable(number)
         link.beat(BEAT)
         assert ours.recv(100) == BEAT.packed()
-        link._beats.close()
+        link.end()
 
 
 @pytest.mark.parametrize("number", ["none", "-1", "99999"])
 def test_an_environment_that_names_no_socket_is_refused(number: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(BEAT_FD, number)
-    monkeypatch.setenv(GATE_URL, "udpout://127.0.0.1:5")
+    monkeypatch.setenv(GATE_FD, number)
     with pytest.raises(InputError, match="companion run"):
-        GateLink.from_environment()
+        GateSocket.from_environment()
 
 
 def test_what_is_not_known_survives_the_way() -> None:

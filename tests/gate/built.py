@@ -100,6 +100,11 @@ def command(number: int, *parameters: float, component: int = APPLICATION, **fie
     return frame("COMMAND_LONG", component, **(right | values | fields))
 
 
+def texts_of(gate: Gate, now_s: float = 0.0) -> list[str]:
+    """The texts that the gate has given out since the last call."""
+    return [notice.text for notice in gate.take_notices(now_s) if notice.text]
+
+
 class Air:
     """A gate, an autopilot and an application, moved through time by hand.
 
@@ -144,7 +149,7 @@ class Air:
 
     def ask(self, sent: Frame) -> bytes | None:
         """The application sends something; what goes down in answer."""
-        return self.gate.application_spoke(sent, self.now_s)
+        return self.gate.application_spoke(sent, self.now_s).raw
 
     def set_mode(self, mode: int) -> bytes | None:
         """The application asks for a mode, and gets it when that passes."""
@@ -169,7 +174,7 @@ class Air:
                 self._steer()
             for raw in self.gate.cycle(self.now_s):
                 self._obey(raw)
-            self.notices += self.gate.take_notices()
+            self.notices += texts_of(self.gate)
 
     def take_off(self) -> None:
         """To where the application explores."""

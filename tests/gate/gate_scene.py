@@ -12,7 +12,7 @@ from companion.gate.protocol import Goodbye, Phase
 from companion.mavlink.codec import Frame
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.modes import Personality, personality
-from tests.gate.built import AUTOPILOT, AUTOPILOT_NUMBER, BEAT, GATE, SYSTEM, command, frame, read, setpoint
+from tests.gate.built import AUTOPILOT, AUTOPILOT_NUMBER, BEAT, GATE, SYSTEM, command, frame, read, setpoint, texts_of
 from tests.gate.built import PLAN as BUILT
 
 NOW_S = 64.0
@@ -74,11 +74,11 @@ class Scene:
     def mode(self, mode: int, now_s: float = NOW_S) -> bool:
         """The application asks for a mode; whether that passes."""
         order = command(176, *self.ours.set_mode_parameters(mode))
-        return self.gate.application_spoke(order, now_s) == order.raw
+        return self.gate.application_spoke(order, now_s).raw == order.raw
 
     def passes(self, sent: Frame, now_s: float = NOW_S) -> bool:
         """The application sends something; whether it passes as it is."""
-        return self.gate.application_spoke(sent, now_s) == sent.raw
+        return self.gate.application_spoke(sent, now_s).raw == sent.raw
 
     def fly(self) -> None:
         """Armed, in the mode of setpoints, exploring; all is well."""
@@ -91,7 +91,7 @@ class Scene:
         self.gate.cycle(NOW_S)
         assert self.gate.airborne
         assert self.stage() is Stage.PASS
-        self.gate.take_notices()
+        texts_of(self.gate)
 
     def sent(self, now_s: float) -> list[int]:
         """What the gate says, by the numbers of the messages."""

@@ -11,7 +11,7 @@ from companion.gate.faults import Stage
 from companion.gate.protocol import Goodbye, Phase
 from companion.mavlink.codec import Frame
 from companion.mavlink.firmware import AutopilotKind
-from tests.gate.built import APPLICATION, BEAT, KINDS, Air, command, in_the_air, read
+from tests.gate.built import APPLICATION, BEAT, KINDS, Air, command, in_the_air, read, texts_of
 
 
 def test_px4_that_held_by_itself_is_not_called_back() -> None:
@@ -232,8 +232,8 @@ def test_texts_for_the_pilot_do_not_pile_up() -> None:
     air = Air()
     for i in range(30):
         air.gate.application_died(f"number {i}")
-    assert len(air.gate.take_notices()) == 30
-    assert air.gate.take_notices() == []
+    assert len(texts_of(air.gate)) == 30
+    assert texts_of(air.gate) == []
     air = in_the_air()
     air.beat = replace(BEAT, depth_age_s=9.0, ranges_age_s=9.0, pose_age_s=9.0, map_age_s=99.0)
     air.run(0.3)

@@ -10,7 +10,7 @@ from companion.gate.faults import Stage
 from companion.gate.gate import Gate
 from companion.gate.protocol import Goodbye, Phase
 from companion.mavlink.codec import Frame
-from tests.gate.built import APPLICATION, AUTOPILOT, BEAT, GATE, SYSTEM, command, frame, read
+from tests.gate.built import APPLICATION, AUTOPILOT, BEAT, GATE, SYSTEM, command, frame, read, texts_of
 from tests.gate.gate_scene import JUST_S, NOW_S, PLAN, Scene, flying
 
 
@@ -18,9 +18,9 @@ def test_a_new_gate_knows_nothing() -> None:
     """Protects the first moment: nothing flies, nothing is done, nothing was said."""
     gate = Gate(PLAN, NOW_S)
     assert (gate.stage, gate.airborne, gate.armed, gate.goodbye) == (Stage.PASS, False, False, None)
-    assert (gate.take_notices(), gate.take_upward(), gate.counts.total()) == ([], [], 0)
+    assert (texts_of(gate), gate.take_upward(), gate.counts.total()) == ([], [], 0)
     assert [read(raw)[0].message_id for raw in gate.cycle(NOW_S)] == [0], "it lives, and has no more to say"
-    assert gate.take_notices() == []
+    assert texts_of(gate) == []
     assert not gate.hangs(NOW_S + 1e6)
 
 
@@ -73,7 +73,7 @@ def test_when_an_application_hangs(phase: Phase, hangs: bool) -> None:
     assert scene.gate.hangs(NOW_S + 10.0 + JUST_S) is hangs
     scene.gate.application_died("fell")
     assert not scene.gate.hangs(NOW_S + 11.0)
-    assert scene.gate.take_notices() == ["the application fell"]
+    assert texts_of(scene.gate) == ["the application fell"]
 
 
 def test_a_new_application_starts_afresh() -> None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from companion.gate.faults import Stage
-from companion.gate.protocol import Phase
-from tests.gate.built import GROUND, frame, setpoint
+from companion.gate.faults import Fault, Stage
+from companion.gate.protocol import Notice, Phase
+from tests.gate.built import GROUND, frame, setpoint, texts_of
 from tests.gate.gate_scene import NOW_S, ORDER, Scene, flying
 
 
@@ -16,7 +16,7 @@ def test_a_flood_is_a_fault_while_it_lasts() -> None:
     for _ in range(300):
         scene.gate.application_spoke(frame("HEARTBEAT"), NOW_S)
     scene.gate.cycle(NOW_S)
-    assert scene.gate.take_notices() == ["flood", "brake: flood"]
+    assert texts_of(scene.gate) == ["flood", "brake: flood"]
 
 
 def test_faults_that_come_together_are_told_in_one_order() -> None:
@@ -26,7 +26,7 @@ def test_faults_that_come_together_are_told_in_one_order() -> None:
     scene.beat(Phase.EXPLORING, **never)
     scene.gate.application_died("fell")
     scene.gate.cycle(NOW_S)
-    _, *told = scene.gate.take_notices()
+    _, *told = texts_of(scene.gate)
     names = ["application died", "depth_stale never", "map never", "pose_stale never", "ranges_stale never"]
     assert told == [*names, "brake: application"]
 
@@ -36,7 +36,7 @@ def test_what_is_told_of_a_fault_and_of_its_answer() -> None:
     scene = flying()
     scene.beat(Phase.EXPLORING, depth_age_s=0.75)
     assert scene.sent(NOW_S) == [84, 253]
-    assert scene.gate.take_notices() == ["depth_stale 0.75 s", "brake: depth_stale"]
+    assert texts_of(scene.gate) == ["depth_stale 0.75 s", "brake: depth_stale"]
     assert scene.sent(NOW_S + 0.0625) == [], "not twice in a period, and the pilot reads the first text yet"
     for later_s in (0.6, 1.2, 1.8):
         now_s = NOW_S + later_s
@@ -46,7 +46,7 @@ def test_what_is_told_of_a_fault_and_of_its_answer() -> None:
         scene.gate.application_spoke(setpoint(), now_s)
         scene.gate.cycle(now_s)
     assert scene.stage() is Stage.PASS
-    assert scene.gate.take_notices()[-1] == "pass: all is well"
+    assert texts_of(scene.gate)[-1] == "pass: all is well"
 
 
 def test_an_order_is_told_without_numbers() -> None:
@@ -54,7 +54,7 @@ def test_an_order_is_told_without_numbers() -> None:
     scene = flying()
     scene.gate.autopilot_spoke(frame("COMMAND_LONG", GROUND[1], GROUND[0], **ORDER), NOW_S)
     assert scene.sent(NOW_S)[:2] == [77, 84], "the answer goes out with the stop"
-    assert scene.gate.take_notices() == ["ground_stop", "brake: ground_stop"]
+    assert texts_of(scene.gate) == ["ground_stop", "brake: ground_stop"]
 
 
 def test_hands_are_off_once_in_each_flight() -> None:
@@ -65,13 +65,13 @@ def test_hands_are_off_once_in_each_flight() -> None:
         assert not scene.gate.airborne
         scene.gate.cycle(NOW_S)
         scene.gate.cycle(NOW_S)
-        assert scene.gate.take_notices() == ["hands off, mode position"]
+        assert texts_of(scene.gate) == ["hands off, mode position"]
         scene.heartbeat(3 << 16, armed=False)
         scene.gate.cycle(NOW_S)
         scene.heartbeat(3 << 16)
         assert not scene.gate.airborne, "who arms it now is somebody else"
         scene.gate.cycle(NOW_S)
-        assert scene.gate.take_notices() == []
+        assert texts_of(scene.gate) == []
         scene.heartbeat(3 << 16, armed=False)
         scene.gate.application_started()
         scene.beat(Phase.CLIMBING)
@@ -83,4 +83,18 @@ def test_on_the_ground_nothing_is_a_fault() -> None:
     scene = Scene()
     for second in range(1, 9):
         assert scene.sent(NOW_S + second) == [0]
-    assert scene.gate.take_notices() == []
+    assert texts_of(scene.gate) == []
+
+
+def test_the_stage_is_said_again_when_there_is_nothing_else_to_tell() -> None:
+    """Protects from a notice that was lost: a take-off would go on under a gate that holds."""
+    scene = flying()
+    scene.gate.take_notices(NOW_S)
+    assert scene.gate.take_notices(NOW_S + 0.0625) == [], "not each time"
+    assert scene.gate.take_notices(NOW_S + 0.125) == [Notice(Stage.PASS)]
+    scene.beat(Phase.EXPLORING, depth_age_s=0.75)
+    scene.gate.cycle(NOW_S)
+    told = scene.gate.take_notices(NOW_S + 0.1875)
+    assert [(notice.stage, notice.fault) for notice in told] == [(Stage.BRAKE, Fault.DEPTH_STALE)] * 2
+    assert scene.gate.take_notices(NOW_S + 0.25) == [], "it has just been said"
+    assert scene.gate.take_notices(NOW_S + 0.3125) == [Notice(Stage.BRAKE, Fault.DEPTH_STALE)]

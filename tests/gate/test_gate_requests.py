@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from companion.gate.gate import Gate
 from companion.mavlink.codec import Frame
-from tests.gate.built import APPLICATION, GATE, SETPOINT, SYSTEM, command, frame, read
+from tests.gate.built import APPLICATION, GATE, SETPOINT, SYSTEM, command, frame, read, texts_of
 from tests.gate.gate_scene import JUST_S, NOW_S, PLAN, Scene, flying
 
 
@@ -13,13 +13,13 @@ def test_a_burst_of_half_a_second_passes_and_no_more() -> None:
     scene = Scene()
     gate = Gate(PLAN, NOW_S)
     ping = frame("HEARTBEAT")
-    assert [gate.application_spoke(ping, NOW_S) is not None for _ in range(201)] == [True] * 200 + [False]
+    assert [gate.application_spoke(ping, NOW_S).raw is not None for _ in range(201)] == [True] * 200 + [False]
     assert gate.counts == {"application: flood": 1}
-    assert gate.application_spoke(ping, NOW_S + 0.00225) is None
-    assert gate.application_spoke(ping, NOW_S + 0.00375) is not None
-    assert gate.application_spoke(ping, NOW_S + 0.00375) is None
+    assert gate.application_spoke(ping, NOW_S + 0.00225).raw is None
+    assert gate.application_spoke(ping, NOW_S + 0.00375).raw is not None
+    assert gate.application_spoke(ping, NOW_S + 0.00375).raw is None
     later_s = NOW_S + 60.0
-    assert sum(gate.application_spoke(ping, later_s) is not None for _ in range(300)) == 200
+    assert sum(gate.application_spoke(ping, later_s).raw is not None for _ in range(300)) == 200
     assert scene.gate.counts.total() == 0
 
 
@@ -38,7 +38,7 @@ def test_every_reason_has_its_count() -> None:
         Frame(b"", 12000, SYSTEM, APPLICATION, b"", signed=False),
         Frame(b"", 84, SYSTEM, APPLICATION, b"\1" * 54, signed=False),
     ):
-        assert scene.gate.application_spoke(sent, NOW_S) is None
+        assert scene.gate.application_spoke(sent, NOW_S).raw is None
     assert scene.gate.counts == {
         "application: not on the list": 6,
         "application: parameter in flight": 1,
@@ -57,7 +57,7 @@ def test_a_refused_command_is_answered_to_the_application() -> None:
     assert (fields["command"], fields["result"]) == (246, 1)
     assert (fields["target_system"], fields["target_component"]) == (SYSTEM, APPLICATION)
     assert scene.gate.take_upward() == []
-    assert scene.gate.take_notices() == ["command 246 refused"]
+    assert texts_of(scene.gate) == ["command 246 refused"]
     assert scene.passes(command(512, target_component=0))
     assert scene.gate.take_upward() == []
 
@@ -66,7 +66,7 @@ def test_parameters_pass_to_an_autopilot_that_stands() -> None:
     """Protects the failsafes in flight; on the ground they are what pre-flight sets."""
     gate = Gate(PLAN, NOW_S)
     put = frame("PARAM_SET", target_system=SYSTEM)
-    assert gate.application_spoke(put, NOW_S) is None
+    assert gate.application_spoke(put, NOW_S).raw is None
     scene = Scene()
     assert scene.passes(put)
     scene.heartbeat(scene.ours.hold)
@@ -95,6 +95,6 @@ def test_an_arming_may_take_its_time() -> None:
 def test_setpoints_of_another_form_are_on_no_list() -> None:
     """Protects the one form that is checked."""
     scene = flying()
-    assert scene.gate.application_spoke(frame(SETPOINT, 42, target_system=SYSTEM), NOW_S) is None
-    assert scene.gate.application_spoke(frame("SET_ATTITUDE_TARGET", target_system=SYSTEM), NOW_S) is None
+    assert scene.gate.application_spoke(frame(SETPOINT, 42, target_system=SYSTEM), NOW_S).raw is None
+    assert scene.gate.application_spoke(frame("SET_ATTITUDE_TARGET", target_system=SYSTEM), NOW_S).raw is None
     assert scene.gate.counts == {"application: not on the list": 2}

@@ -11,7 +11,7 @@ from companion.gate.faults import Fault, Stage
 from companion.gate.plan import Fence, Reaction
 from companion.gate.protocol import Phase
 from companion.mavlink.codec import Frame
-from tests.gate.built import command, read, setpoint
+from tests.gate.built import command, read, setpoint, texts_of
 from tests.gate.gate_scene import JUST_S, NOW_S, PLAN, Scene, flying
 
 QUIET = Reaction(Stage.PASS, None, None)
@@ -20,13 +20,13 @@ FENCED = replace(PLAN, fence=Fence(north_m=(-4.0, 4.0), east_m=(-4.0, 4.0), down
 
 def said(scene: Scene, sent: Frame, now_s: float = NOW_S) -> list[str]:
     """What is told of a setpoint; nothing: it passes."""
-    raw = scene.gate.application_spoke(sent, now_s)
+    raw = scene.gate.application_spoke(sent, now_s).raw
     if raw == sent.raw:
         return []
     assert raw is not None
     fields = read(raw)[1]
     assert [fields[name] for name in ("vx", "vy", "vz", "yaw_rate")] == [0.0] * 4
-    return scene.gate.take_notices()
+    return texts_of(scene.gate)
 
 
 def test_a_setpoint_that_cannot_be_meant_is_told_and_forgotten() -> None:

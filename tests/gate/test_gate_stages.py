@@ -10,7 +10,7 @@ from companion.gate.faults import Fault, Stage
 from companion.gate.plan import Reaction
 from companion.gate.protocol import Phase
 from companion.mavlink.firmware import AutopilotKind
-from tests.gate.built import GROUND, KINDS, command, frame, setpoint
+from tests.gate.built import GROUND, KINDS, command, frame, setpoint, texts_of
 from tests.gate.gate_scene import NOW_S, ORDER, PLAN, flying
 
 BOTH = pytest.mark.parametrize("kind", KINDS)
@@ -51,8 +51,8 @@ def test_while_the_gate_stops_no_setpoint_passes(stage: Stage) -> None:
     """Protects the stop from being overwritten, by good setpoints too."""
     scene = flying()
     scene.gate._ladder.force(stage)
-    assert scene.gate.application_spoke(setpoint(), NOW_S) is None
-    assert scene.gate.application_spoke(setpoint(9.0), NOW_S) is None
+    assert scene.gate.application_spoke(setpoint(), NOW_S).raw is None
+    assert scene.gate.application_spoke(setpoint(9.0), NOW_S).raw is None
     assert scene.gate.counts == {
         "application: setpoint while the gate stops": 2,
         "application: setpoint that broke a limit": 1,
@@ -64,12 +64,12 @@ def test_hands_off_is_hands_off() -> None:
     scene = flying()
     scene.gate.autopilot_spoke(frame("COMMAND_LONG", GROUND[1], GROUND[0], **ORDER), NOW_S)
     assert 84 in scene.sent(NOW_S)
-    scene.gate.take_notices()
-    assert scene.gate.application_spoke(setpoint(9.0), NOW_S + 0.75) is None
+    texts_of(scene.gate)
+    assert scene.gate.application_spoke(setpoint(9.0), NOW_S + 0.75).raw is None
     scene.heartbeat(3 << 16, NOW_S + 1.0)
-    assert scene.gate.application_spoke(setpoint(), NOW_S + 1.0) is None
+    assert scene.gate.application_spoke(setpoint(), NOW_S + 1.0).raw is None
     assert scene.gate.counts == {"application: setpoint, but hands are off": 2}
-    assert scene.gate.take_notices() == []
+    assert texts_of(scene.gate) == []
     assert scene.sent(NOW_S + 1.0) == [0, 253]
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from companion.gate.faults import Stage
+from companion.gate.faults import Fault, Stage
 from companion.gate.outgoing import Voice
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.modes import personality
@@ -69,13 +69,13 @@ def test_texts_go_out_in_order_two_a_second_and_the_newest_eight_wait() -> None:
 def test_the_log_and_the_application_are_told_all_of_it() -> None:
     """Protects the record of a flight: texts and notices, in order, whole; bounded when nobody takes them."""
     voice = Voice(SYSTEM)
-    voice.say("to all " + "x" * 60)
+    voice.say("to all " + "x" * 60, Fault.MAP)
     voice.note("not to the pilot")
-    assert voice.take_notices() == ["to all " + "x" * 60, "not to the pilot"]
+    assert voice.take_notices() == [(Fault.MAP, "to all " + "x" * 60), (None, "not to the pilot")]
     assert voice.take_notices() == []
     for i in range(70):
         voice.note(str(i))
-    assert voice.take_notices() == [str(i) for i in range(6, 70)]
+    assert voice.take_notices() == [(None, str(i)) for i in range(6, 70)]
     sent = [said(raw) for raw in voice.due(Stage.PASS, False, 0.0)]
     assert [number for number, _ in sent] == [0, 253]
 

@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.gate.faults import Fault, Stage
 from companion.gate.plan import Attached, Fence, Plan, Signing
-from companion.gate.protocol import Beat, Goodbye, Phase, unpacked
+from companion.gate.protocol import PACKET_BYTES, Beat, Goodbye, Notice, Phase, is_mavlink, unpacked
 from tests.gate.built import BEAT, PLAN
 
 ages = st.floats(0.0, math.inf)
@@ -50,6 +51,41 @@ def test_what_else_cannot_be_a_beat() -> None:
     here_and_now = Beat(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, Phase.GROUND)
     assert unpacked(here_and_now.packed()) == here_and_now
     assert unpacked(replace(BEAT, ahead_m=0.25).packed()) is not None
+
+
+@given(st.builds(Notice, st.sampled_from(Stage), st.none() | st.sampled_from(Fault), st.text(max_size=60)))
+def test_a_notice_comes_over_as_it_was(notice: Notice) -> None:
+    """Protects the application's knowledge of what the gate does, and why."""
+    assert Notice.unpacked(notice.packed()) == notice
+
+
+@given(st.binary(max_size=80) | st.binary(max_size=80).map(lambda rest: b"note" + rest))
+def test_no_bytes_make_the_application_raise(data: bytes) -> None:
+    """Protects the thread that reads: it must not end before the gate does."""
+    notice = Notice.unpacked(data)
+    assert notice is None or data.startswith(b"note")
+
+
+def test_what_cannot_be_a_notice() -> None:
+    """Protects against stages and faults that there are not, and the longest text from making a packet too large."""
+    assert Notice.unpacked(b"note") is None
+    assert Notice.unpacked(b"note\x09\xff") is None, "no such stage"
+    assert Notice.unpacked(b"note\x01" + bytes((len(Fault),))) is None, "no such fault"
+    assert Notice.unpacked(b"nota\x01\xff") is None
+    assert Notice.unpacked(b"note\x03\xff") == Notice(Stage.LAND)
+    long = Notice(Stage.HOLD, Fault.MAP, "ü" * 2000).packed()
+    assert len(long) < PACKET_BYTES
+    cut = Notice.unpacked(long)
+    assert cut is not None
+    assert cut.text.rstrip("\N{REPLACEMENT CHARACTER}") == "ü" * 120
+
+
+@pytest.mark.parametrize("word", [BEAT.packed(), Goodbye(0).packed(), Notice(Stage.PASS).packed(), b""])
+def test_no_word_is_taken_for_mavlink(word: bytes) -> None:
+    """Protects both ends: words and frames share one socket."""
+    assert not is_mavlink(word)
+    assert is_mavlink(b"\xfd" + word)
+    assert is_mavlink(b"\xfe" + word)
 
 
 def test_the_last_word_carries_the_exit_code() -> None:

@@ -25,6 +25,7 @@ from companion.config.settings import Settings
 from companion.flight.tasks import background
 from companion.model import Setpoint
 from sitl.launch.processes import command, environment, free_udp_ports
+from tests.autopilot.udp_transport import UdpTransport
 from tests.integration.relay import LOOPBACK, UdpRelay
 from tests.integration.witness import Witness
 
@@ -220,7 +221,7 @@ async def aboard(port: int, system_id: int = 1, connect_timeout_s: float = 30.0)
             url=f"udpin://{LOOPBACK}:{port}", system_id=system_id, connect_timeout_s=connect_timeout_s, silence_s=0.5
         )
     )
-    async with MavsdkLink(settings.autopilot, clock) as link:
+    async with MavsdkLink(settings.autopilot, clock, UdpTransport(port)) as link:
         telemetry = Telemetry(link, clock, settings.autopilot.attitude_hz, settings.autopilot.position_hz)
         async with background(telemetry.run()):
             yield Aboard(clock, link, telemetry, Vehicle(link, telemetry, settings, clock), settings)

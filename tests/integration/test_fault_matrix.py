@@ -19,11 +19,12 @@ LEAST_FAULTS = 30
 """As many the safety case promises."""
 TELLING = (
     ("SIGKILL application", "px4"),
+    ("forged telemetry", "px4"),
     pytest.param("setpoint 10x", "ardupilot", marks=pytest.mark.flight),
     pytest.param("depth frozen", "px4", marks=pytest.mark.flight),
     pytest.param("SIGKILL gate", "ardupilot", marks=pytest.mark.flight),
 )
-"""A death, a lie, a sense that fails unseen, and the last layer alone."""
+"""A death, a stranger, a lie, a sense that fails unseen, and the last layer alone."""
 
 
 @pytest.mark.slow

@@ -14,11 +14,11 @@ import os
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from companion.autopilot.link import MavsdkLink
-from companion.gate.protocol import GATE_URL
+from companion.gate.protocol import GATE_FD
 from companion.mavlink.codec import Encoder
 
 LOOPBACK = "127.0.0.1"
@@ -119,40 +119,19 @@ def _tenfold(_: socket.socket) -> None:
     FAULTS.spoil = lambda fields: {**fields, "vx": 10.0 * fields["vx"]}
 
 
-def _flood(listener: socket.socket) -> None:
-    """Setpoints at full speed, past MAVSDK, which could not send so many, but from its own socket."""
-    host, _, port = os.environ[GATE_URL].rpartition("//")[2].rpartition(":")
+def _flood(_: socket.socket) -> None:
+    """Setpoints at full speed, past MAVSDK, which could not send so many, but over its own socket."""
     encoder = Encoder(1, 191)
     packet = encoder.pack(SETPOINT, target_system=1, target_component=1, coordinate_frame=8, type_mask=0x5C7, vx=0.5)
-    with _mavsdk_socket(listener) as wire:
+    with socket.socket(fileno=os.dup(int(os.environ[GATE_FD]))) as end:
         due_s = time.monotonic()
         end_s = due_s + FLOOD_S
         while due_s < end_s:
-            for _ in range(BURST):
+            for _number in range(BURST):
                 with contextlib.suppress(OSError):
-                    wire.sendto(packet, (host, int(port)))
+                    end.send(packet, socket.MSG_DONTWAIT)
             due_s += BURST / FLOOD_HZ
             time.sleep(max(0.0, due_s - time.monotonic()))
-
-
-@contextlib.contextmanager
-def _mavsdk_socket(listener: socket.socket) -> Iterator[socket.socket]:
-    """A second handle of the UDP socket that MAVSDK has opened in this process."""
-    for name in os.listdir("/proc/self/fd"):  # noqa: PTH208 - numbers, not paths
-        try:
-            found = socket.socket(fileno=os.dup(int(name)))
-        except OSError:
-            continue
-        if (found.family, found.type) == (socket.AF_INET, socket.SOCK_DGRAM) and _port(found) != _port(listener):
-            with found:
-                yield found
-            return
-        found.close()
-    raise SabotageError("MAVSDK has no UDP socket")
-
-
-def _port(found: socket.socket) -> int:
-    return int(found.getsockname()[1])
 
 
 def _step_clock(_: socket.socket) -> None:

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from companion.config.load import load
 from companion.flight.launch import module
 from validation.fault_matrix.injection import Final, Injection
-from validation.fault_matrix.processes import udp_ports
+from validation.fault_matrix.processes import open_sockets
 from validation.fault_matrix.scene import ROOT, Flight, SceneError
 from validation.fault_matrix.stranger import YAW_RATE_RADPS
 
@@ -83,28 +83,27 @@ def _old_settings_and_nothing_flies(flight: Flight) -> str | None:
     return None
 
 
-def loopback_port(flight: Flight) -> int:
-    """Where the gate hears its child."""
-    (found,) = udp_ports(flight.gate.pid) - {flight.gate_port}
-    return found
+def _stranger(what: str) -> Callable[[Flight], None]:
+    """Somebody else on this computer speaks to every socket of the flight's processes; ends before it is judged."""
+
+    def begin(flight: Flight) -> None:
+        ports = sorted(port for _, port in _sockets(flight))
+        subprocess.Popen([*module("validation.fault_matrix.stranger"), what, *map(str, ports)], cwd=ROOT)
+
+    return begin
 
 
-def _throw_garbage(flight: Flight) -> None:
-    _begin_stranger("garbage", loopback_port(flight))
-
-
-def _second_application(flight: Flight) -> None:
-    _begin_stranger("setpoints", loopback_port(flight), flight.gate_port)
+def _sockets(flight: Flight) -> set[tuple[str, int]]:
+    """Of gate, application and map; but for the one by which this program hands its faults to the application."""
+    return open_sockets(flight.gate.pid) - {("udp", flight.flyer_port)}
 
 
 def _nothing_of_the_stranger(flight: Flight) -> str | None:
+    found = _sockets(flight)
+    if found != {("udp", flight.gate_port)}:
+        return f"something listens that the configuration does not name: {sorted(found)}"
     passed = [seen for seen in flight.relay.seen.setpoints() if abs(seen.yaw_rate - YAW_RATE_RADPS) < 1e-6]
     return f"{len(passed)} setpoints of the second application passed" if passed else None
-
-
-def _begin_stranger(what: str, *ports: int) -> None:
-    """It ends by itself before the flight is judged."""
-    subprocess.Popen([*module("validation.fault_matrix.stranger"), what, *map(str, ports)], cwd=ROOT)
 
 
 PROCESS_FAULTS = (
@@ -231,16 +230,27 @@ COMPUTER_FAULTS = (
     Injection(
         "garbage on loopback",
         "computer",
-        "1,000 datagrams of noise a second to the port where the gate hears its child",
-        _throw_garbage,
+        "1,000 datagrams of noise a second to every socket of the flight's processes",
+        _stranger("garbage"),
         FLEW_ON,
         needs_stop=False,
+        verify=_nothing_of_the_stranger,
+    ),
+    Injection(
+        "forged telemetry",
+        "computer",
+        "another process says to every socket of the flight's processes that the vehicle is elsewhere, disarmed, in "
+        "another mode, and orders it to land",
+        _stranger("telemetry"),
+        FLEW_ON,
+        needs_stop=False,
+        verify=_nothing_of_the_stranger,
     ),
     Injection(
         "second application",
         "computer",
-        "another process sends valid setpoints at full speed to both ports of the gate",
-        _second_application,
+        "another process sends valid setpoints at full speed to every socket of the flight's processes",
+        _stranger("setpoints"),
         FLEW_ON,
         needs_stop=False,
         verify=_nothing_of_the_stranger,

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import socket
 from pathlib import Path
+
+import psutil
 
 _PROC = Path("/proc")
 
@@ -26,13 +29,22 @@ def map_process(application: int) -> int | None:
     return None
 
 
-def udp_ports(pid: int) -> set[int]:
-    """The UDP ports of this computer, IPv4, that a process has bound."""
-    inodes = set()
-    for entry in (_PROC / str(pid) / "fd").iterdir():
-        with contextlib.suppress(OSError):
-            target = str(entry.readlink())
-            if target.startswith("socket:["):
-                inodes.add(target[8:-1])
-    rows = (_PROC / "net" / "udp").read_text().splitlines()[1:]
-    return {int(row.split()[1].partition(":")[2], 16) for row in rows if row.split()[9] in inodes}
+def family(pid: int) -> list[int]:
+    """A process and all that it has started, and they."""
+    found = [pid]
+    for member in found:
+        found += children(member)
+    return found
+
+
+def open_sockets(pid: int) -> set[tuple[str, int]]:
+    """Where a process and all that it has started can be spoken to: ("udp" or "tcp", port), TCP where it listens."""
+    found = set()
+    for member in family(pid):
+        with contextlib.suppress(psutil.Error):
+            for one in psutil.Process(member).net_connections("inet"):
+                if one.type == socket.SOCK_DGRAM:
+                    found.add(("udp", one.laddr.port))
+                elif one.status == psutil.CONN_LISTEN:
+                    found.add(("tcp", one.laddr.port))
+    return found

@@ -1,6 +1,6 @@
-"""Somebody else on this computer who speaks to the ports of the gate: a process of its own.
+"""Somebody else on this computer who speaks to the sockets of a flight: a process of its own.
 
-python -m validation.fault_matrix.stranger garbage|setpoints PORT ...
+python -m validation.fault_matrix.stranger garbage|setpoints|telemetry PORT ...
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from companion.mavlink.codec import Encoder
-from companion.mavlink.ids import VELOCITY_AND_YAW_RATE, MavFrame
+from companion.mavlink.ids import VELOCITY_AND_YAW_RATE, MavAutopilot, MavCmd, MavComponent, MavFrame
 from tests.integration.relay import LOOPBACK
 
 SENT_S = 3.0
@@ -45,10 +45,31 @@ def setpoints() -> Callable[[], bytes]:
     )
 
 
+def telemetry() -> Callable[[], bytes]:
+    """As the autopilot would say that all is lost, and a ground station that it is enough."""
+    autopilot, ground = Encoder(1, MavComponent.AUTOPILOT1), Encoder(255, 190)
+    stop = {"target_system": 1, "target_component": MavComponent.ONBOARD_COMPUTER}
+    land = {"target_system": 1, "target_component": MavComponent.AUTOPILOT1}
+    said = itertools.cycle(
+        (
+            autopilot.pack("LOCAL_POSITION_NED", time_boot_ms=1 << 30, x=500.0, y=500.0, z=-500.0, vx=20.0),
+            autopilot.pack("ATTITUDE", time_boot_ms=1 << 30, roll=1.0, yaw=3.0),
+            autopilot.pack("HEARTBEAT", autopilot=MavAutopilot.PX4, base_mode=0, custom_mode=0, system_status=5),
+            autopilot.pack("HEARTBEAT", autopilot=MavAutopilot.ARDUPILOTMEGA, base_mode=0, custom_mode=9),
+            autopilot.pack("SYS_STATUS", battery_remaining=1),
+            autopilot.pack("ESTIMATOR_STATUS", flags=0),
+            ground.pack("COMMAND_LONG", command=MavCmd.DO_PAUSE_CONTINUE, param1=0.0, **stop),
+            ground.pack("COMMAND_LONG", command=MavCmd.NAV_LAND, **land),
+            autopilot.pack("COMMAND_LONG", command=MavCmd.DO_PAUSE_CONTINUE, param1=0.0, **stop),
+        )
+    )
+    return lambda: next(said)
+
+
 def main(arguments: Sequence[str]) -> None:
     """Send for `SENT_S`."""
     what, *ports = arguments
-    datagram = {"garbage": garbage, "setpoints": setpoints}[what]()
+    datagram = {"garbage": garbage, "setpoints": setpoints, "telemetry": telemetry}[what]()
     began_s = time.monotonic()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
         for number in itertools.count():

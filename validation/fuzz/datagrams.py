@@ -1,4 +1,4 @@
-"""Bytes on the real UDP port of the link: garbage, floods, other people's messages. Afterwards it is as good as new."""
+"""Bytes into the real link: garbage, floods, other people's messages. Afterwards it is as good as new."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from companion.clock import MonotonicClock
 from companion.config.autopilot import AutopilotSettings
 from companion.flight.operator_commands import Orders
 from tests.autopilot.responder import Responder, free_port
+from tests.autopilot.udp_transport import UdpTransport
 from validation.fuzz.hostile import spoiled_often
 
 LARGEST_DATAGRAM = 65_507
@@ -131,7 +132,7 @@ async def line() -> AsyncIterator[Line]:
     port = free_port()
     settings = AutopilotSettings(url=f"udpin://127.0.0.1:{port}", connect_timeout_s=20.0, command_timeout_s=2.0)
     with Responder(port) as autopilot:
-        async with MavsdkLink(settings, MonotonicClock()) as link:
+        async with MavsdkLink(settings, MonotonicClock(), UdpTransport(port)) as link:
             yield Line(link, autopilot)
 
 

@@ -1,6 +1,6 @@
 """One thread that waits for messages, gives them to the gate, and does what it says.
 
-When several things have come, beats are first, then the application's messages, the autopilot's, and those of others.
+When several things have come, the application's are first, then the autopilot's, and those of others.
 From each a bounded number is taken before the next has its turn, so a flood from one delays nobody else by more than a
 few ms, and the cycle comes every `CYCLE_S` whatever comes in.
 """
@@ -33,7 +33,7 @@ CATCH_UP = 64
 SHOWN = frozenset({"HEARTBEAT", "STATUSTEXT", "NAMED_VALUE_FLOAT", "COMMAND_ACK"})
 """What the application says to everybody: who is attached hears it too."""
 
-_BEATS, _APPLICATION, _AUTOPILOT, _BELL, _ATTACHED = range(5)
+_APPLICATION, _AUTOPILOT, _BELL, _ATTACHED = range(4)
 
 
 class Loop:
@@ -121,7 +121,7 @@ class Loop:
         """
         for _ in range(CATCH_UP):
             self._from_autopilot(before_s)
-            for frame in self._frames(before_s):
+            for frame in self._keeper.receive(self._clock()):
                 if NAMES.get(frame.message_id) in SETPOINTS:
                     self.stale += 1
                 else:
@@ -140,21 +140,12 @@ class Loop:
             }
         self._log.say("; ".join(f"{what}: {number}" for what, number in counts.items() if number) or "nothing refused")
 
-    def _beats(self, now_s: float) -> None:
-        self._keeper.beats(now_s)
-        self._follow_child()
-
     def _from_application(self, now_s: float) -> None:
-        # A beat may have come since the doors were looked at, just before the setpoint that it belongs to.
-        self._keeper.beats(now_s)
-        for frame in self._frames(now_s):
+        for frame in self._keeper.receive(now_s):
             self._pass_down(frame, now_s)
+        self._follow_child()
         for raw in self._gate.take_upward():
             self._up(raw)
-
-    def _frames(self, now_s: float) -> list[Frame]:
-        """What has come from the application."""
-        return [] if self._keeper.child is None else self._keeper.child.frames(now_s)
 
     def _up(self, raw: bytes) -> None:
         """To the application."""
@@ -162,9 +153,9 @@ class Loop:
             self._keeper.child.send(raw)
 
     def _pass_down(self, frame: Frame, now_s: float) -> None:
-        passed = self._gate.application_spoke(frame, now_s)
-        if passed is not None:
-            self._down(passed)
+        verdict = self._gate.application_spoke(frame, now_s)
+        if verdict.raw is not None:
+            self._down(verdict.raw)
         if NAMES.get(frame.message_id) in SHOWN and frame.component_id == MavComponent.ONBOARD_COMPUTER:
             for _, wire in self._attached:
                 wire.send(frame.raw)
@@ -210,10 +201,11 @@ class Loop:
             self._down(raw)
             for _, wire in self._attached:
                 wire.send(raw)
-        for words in self._gate.take_notices():
-            self._log.say(words)
+        for notice in self._gate.take_notices(now_s):
+            if notice.text:
+                self._log.say(notice.text)
             if self._keeper.child is not None:
-                self._keeper.child.notify(words)
+                self._keeper.child.notify(notice)
         for asked in self._signals.taken():
             self._notifier.stopping()
             self._keeper.ask(asked)
@@ -237,7 +229,6 @@ class Loop:
 
     def _follow_child(self) -> None:
         child = self._keeper.child
-        self._doors.follow(_BEATS, None if child is None else child.beats_fileno(), self._beats)
         self._doors.follow(_APPLICATION, None if child is None else child.fileno(), self._from_application)
 
     def _tell_problem(self, number: int, wire: Wire) -> None:

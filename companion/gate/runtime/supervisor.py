@@ -12,6 +12,7 @@ from companion.gate.protocol import unpacked
 from companion.gate.runtime.child import Child
 from companion.gate.runtime.log import Log
 from companion.gate.runtime.processes import children, deaths, exit_code_of, kill
+from companion.mavlink.codec import Frame
 
 REST_S = 3.0
 """From a death to the next start; what the dead one has started itself has this long to end in good order."""
@@ -20,7 +21,7 @@ LEAVE_S = 10.0
 LOOK_S = 1.0
 EXIT_FAILED = 1
 DRAINS = 16
-"""Calls after which nothing can be left of the beats of one who has ended: more do not fit into the socket."""
+"""Calls after which nothing can be left of the words of one who has ended: more do not fit into the socket."""
 GONE_S = 10.0
 """An autopilot that was silent for this long is not waited for when the end was asked for."""
 
@@ -66,13 +67,21 @@ class Keeper:
         self._goodbye_s = None
         self.child = Child(command, self._plan.inherit, self._nice)
         self._gate.application_started()
-        self._log.say(f"the application was started (process {self.child.pid}, port {self.child.port})")
+        self._log.say(f"the application was started (process {self.child.pid})")
 
-    def beats(self, now_s: float) -> None:
-        """Give the gate what has come of its beats."""
-        for data in [] if self.child is None else self.child.beats():
-            self._heard = self._heard or unpacked(data) is not None
-            self._gate.beat(data, now_s)
+    def receive(self, now_s: float) -> list[Frame]:
+        """Give the gate the words of the application that have come; gives the MAVLink that came with them.
+
+        A beat always comes before the setpoint that rests on it, so the gate knows it by then.
+        """
+        frames: list[Frame] = []
+        for said in [] if self.child is None else self.child.receive():
+            if isinstance(said, bytes):
+                self._heard = self._heard or unpacked(said) is not None
+                self._gate.beat(said, now_s)
+            else:
+                frames.append(said)
+        return frames
 
     def ask(self, number: signal.Signals | None) -> None:
         """Somebody asks for the end: pass the signal on; None: the application has it already."""
@@ -114,7 +123,7 @@ class Keeper:
 
     def _ended(self, child: Child, code: int, now_s: float) -> None:
         for _ in range(DRAINS):
-            self.beats(now_s)
+            self.receive(now_s)
         child.close()
         self.child = None
         self._died_s = now_s

@@ -27,22 +27,25 @@ from tests.gate.built import PLAN, frame
 HOST = "127.0.0.1"
 CHILD = """
 import os, signal, socket, sys, time
-beats = socket.socket(fileno=int(os.environ["COMPANION_GATE_FD"]))
-host, port = os.environ["COMPANION_GATE_URL"].removeprefix("udpout://").split(":")
-link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-link.connect((host, int(port)))
+gate = socket.socket(fileno=int(os.environ["COMPANION_GATE_FD"]))
+waiting, to_do = [], []
 def say(words):
-    link.send(bytes.fromhex(words))
-def tell(words):
-    beats.send(bytes.fromhex(words))
+    gate.send(bytes.fromhex(words))
 def hear():
-    beats.send(b"heard " + link.recv(2000))
-signal.signal(signal.SIGTERM, lambda *_: beats.send(b"SIGTERM"))
-signal.signal(signal.SIGINT, lambda *_: beats.send(b"SIGINT"))
-beats.send(b"up")
-while words := beats.recv(4096).decode():
-    if words.startswith("do "):
-        exec(words[3:])
+    words = b""
+    while words[:1] not in (b"\\xfd", b"\\xfe"):
+        words = waiting.pop(0) if waiting else gate.recv(4096)
+        if words.startswith(b"do "):
+            to_do.append(words)
+    gate.send(b"heard " + words)
+signal.signal(signal.SIGTERM, lambda *_: gate.send(b"SIGTERM"))
+signal.signal(signal.SIGINT, lambda *_: gate.send(b"SIGINT"))
+gate.send(b"up")
+while words := to_do.pop(0) if to_do else gate.recv(4096):
+    if words.startswith(b"do "):
+        exec(words[3:].decode())
+    else:
+        waiting.append(words)
 """
 """Does what it is told, so that a test reads from one side."""
 
@@ -134,15 +137,16 @@ class Rig:
         self.turn_until(lambda: b"up" in self.beats)
         self.say(HEARTBEAT)
         self.turn_until(lambda: self.loop._heard_s > 0.0)
-        self.do(f"tell('{GROUND_BEAT.packed().hex()}')")
+        self.do(f"say('{GROUND_BEAT.packed().hex()}')")
         self.do(f"say('{frame('HEARTBEAT').raw.hex()}')")
         self.turn_until(lambda: frame("HEARTBEAT").raw in self.down())
         self.turn_until(lambda: GROUND_BEAT.packed() in self.beats)
+        self.do("waiting.clear()")
 
     def do(self, script: str) -> None:
         """Have the child do something."""
         assert self.keeper.child is not None
-        assert self.keeper.child._beats.send(f"do {script}".encode())
+        assert self.keeper.child._socket.send(f"do {script}".encode())
 
     def say(self, *frames: Frame) -> None:
         """The autopilot says something, in one datagram."""

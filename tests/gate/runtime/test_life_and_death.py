@@ -24,7 +24,7 @@ def test_its_last_word_is_the_exit_code() -> None:
     """Protects who started the flight: they hear how it ended, and not how the process did."""
     with rigged() as rig:
         rig.up()
-        rig.do(f"tell('{Goodbye(7).packed().hex()}'); sys.exit(3)")
+        rig.do(f"say('{Goodbye(7).packed().hex()}'); sys.exit(3)")
         assert rig.loop.run() == 7
         rig.keeper.cycle(rig.now_s(), 0.0)
 
@@ -48,7 +48,7 @@ def test_after_its_last_word_it_is_not_waited_for_for_ever() -> None:
     """Protects the end of a flight from an application that hangs after it."""
     with rigged() as rig:
         rig.up()
-        rig.do(f"tell('{Goodbye(0).packed().hex()}'); time.sleep(60)")
+        rig.do(f"say('{Goodbye(0).packed().hex()}'); time.sleep(60)")
         rig.turn_until(lambda: rig.gate.goodbye)
         rig.turn_for(0.05)
         assert rig.keeper.exit_code is None
@@ -187,7 +187,7 @@ def test_it_may_close_its_socket_and_live() -> None:
     """Protects the gate's loop from a socket at its end and from an address where nobody listens."""
     with rigged() as rig:
         rig.up()
-        rig.do("beats.shutdown(socket.SHUT_WR); link.close(); time.sleep(60)")
+        rig.do("gate.shutdown(socket.SHUT_WR); time.sleep(60)")
         rig.turn_until(lambda: rig.keeper.child and rig.keeper.child.silent)
         rig.say(ATTITUDE)
         rig.turn_for(0.05)
@@ -201,7 +201,7 @@ def test_the_gate_stays_while_it_stops_the_vehicle(monkeypatch: pytest.MonkeyPat
         rig.up()
         rig.turn_for(0.3)
         assert rig.gate.stage > 0, "no beats come"
-        rig.do(f"tell('{Goodbye(1).packed().hex()}'); sys.exit(1)")
+        rig.do(f"say('{Goodbye(1).packed().hex()}'); sys.exit(1)")
         rig.has_died()
         rig.offset_s += REST_S + LOOK_S
         rig.turn_for(0.05)

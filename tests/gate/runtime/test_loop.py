@@ -10,9 +10,10 @@ from dataclasses import replace
 
 import pytest
 
-from companion.gate.runtime.child import MOST_FRAMES
+from companion.gate.runtime.child import MOST_PACKETS
 from companion.gate.runtime.loop import STALLED_S, Loop
 from companion.gate.runtime.transports import open_wire
+from companion.gate.verdict import Verdict
 from companion.mavlink.codec import Frame
 from tests.gate.built import frame, setpoint
 from tests.gate.runtime.rig import ATTITUDE, HEARTBEAT, HOST, rigged
@@ -23,7 +24,7 @@ def test_setpoints_that_waited_while_the_gate_was_stopped_are_not_sent() -> None
     with rigged() as rig:
         rig.up()
         sent = frame("PARAM_REQUEST_LIST", target_system=1, target_component=1)
-        rig.do(f"say('{setpoint().raw.hex()}');say('{sent.raw.hex()}');beats.send(b'done')")
+        rig.do(f"say('{setpoint().raw.hex()}');say('{sent.raw.hex()}');gate.send(b'done')")
         # The child has sent, and the gate has not looked.
         deadline_s = time.monotonic() + 20.0
         assert rig.keeper.child is not None
@@ -61,11 +62,11 @@ def test_a_flood_of_the_application_does_not_delay_the_cycle(monkeypatch: pytest
     """However much waits, only so much of it is taken between two looks at what else is to be done."""
     with rigged() as rig:
         rig.up()
-        rig.do(f"r=bytes.fromhex('{setpoint().raw.hex()}')\nwhile True: link.send(r)")
+        rig.do(f"r=bytes.fromhex('{setpoint().raw.hex()}')\nwhile True: gate.send(r)")
         taken, most, cycles = 0, 0, 0
         real_spoke, real_cycle = rig.gate.application_spoke, rig.gate.cycle
 
-        def spoke(found: Frame, now_s: float) -> bytes | None:
+        def spoke(found: Frame, now_s: float) -> Verdict:
             nonlocal taken
             taken += 1
             return real_spoke(found, now_s)
@@ -87,7 +88,7 @@ def test_a_flood_of_the_application_does_not_delay_the_cycle(monkeypatch: pytest
             most = max(most, taken)
             # Whatever came in, a cycle that was due is done in the same turn.
             assert cycles == 1 or not due
-        assert 0 < most <= MOST_FRAMES
+        assert 0 < most <= MOST_PACKETS
 
 
 def test_a_link_that_is_lost_and_found_is_told_and_followed() -> None:

@@ -29,8 +29,8 @@ def whole(**changes: Any) -> Plan:
         sys.executable,
         "-c",
         "import os, socket; "
-        "beats = socket.socket(fileno=int(os.environ['COMPANION_GATE_FD'])); "
-        f"beats.send(bytes.fromhex('{Goodbye(5).packed().hex()}'))",
+        "gate = socket.socket(fileno=int(os.environ['COMPANION_GATE_FD'])); "
+        f"gate.send(bytes.fromhex('{Goodbye(5).packed().hex()}'))",
     )
     return replace(PLAN, autopilot_url=url, command=says_goodbye, **changes)
 
