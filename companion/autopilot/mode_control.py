@@ -14,7 +14,7 @@ from companion.autopilot.vehicle_state import integer
 from companion.clock import Clock
 from companion.errors import CompanionError
 from companion.mavlink.ids import MavCmd, MavModeFlag, MavResult
-from companion.mavlink.mode_monitor import HEARTBEAT_LATE_S, ModeWatch
+from companion.mavlink.mode_monitor import HEARTBEAT_LATE_S, ModeMonitor
 from companion.mavlink.modes import mode_name, personality, result_name
 
 POLL_S = 0.05
@@ -60,7 +60,7 @@ class Commander:
         self.clock = clock
         self.sleep = sleep
         self.personality = personality(link.kind)
-        self.watch = ModeWatch(link.kind)
+        self.watch = ModeMonitor(link.kind)
         self.asked_to_arm = False
         self._telemetry = telemetry
         self._timeout_s = timeout_s

@@ -8,7 +8,7 @@ from companion.gate.faults import CLEARS, Clear, Fault, Stage
 from companion.gate.plan import Reaction
 
 
-class Ladder:
+class Escalation:
     """Which stage all faults together ask for.
 
     A fault counts from its first appearance until it has been gone for ``recover_s``, so that one which comes and goes

@@ -8,7 +8,7 @@ from companion.gate.faults import Fault
 from companion.gate.geofence import excess_m
 from companion.gate.plan import Plan
 from companion.gate.protocol import Beat, Phase
-from companion.gate.setpoint_limits import Asked
+from companion.gate.setpoint_limits import VelocitySetpoint
 from companion.gate.vehicle import Vehicle
 
 EVENT_S = 0.1
@@ -20,7 +20,7 @@ FUTURE_S = 0.05
 STEERED = (Phase.CLIMBING, Phase.EXPLORING)
 
 
-class Watch:
+class FaultMonitor:
     """Everything that may be late or wrong.
 
     Args:
@@ -38,7 +38,7 @@ class Watch:
 
     def __init__(self, plan: Plan, vehicle: Vehicle) -> None:
         self.beat: Beat | None = None
-        self.asked: Asked | None = None
+        self.asked: VelocitySetpoint | None = None
         self.died = False
         self.stop_ordered = False
         self.bad_s = -math.inf
@@ -53,14 +53,14 @@ class Watch:
         """What the application is doing, by its newest beat."""
         return Phase.GROUND if self.beat is None else self.beat.phase
 
-    def begin(self) -> None:
+    def reset(self) -> None:
         """A new application."""
         self.beat = self.asked = None
         self.died = self.stop_ordered = False
         self.bad_s = self.flooded_s = -math.inf
         self._explores_since_s = math.inf
 
-    def take(self, beat: Beat, now_s: float) -> bool:
+    def on_beat(self, beat: Beat, now_s: float) -> bool:
         """A beat came; whether it can be one."""
         if beat.t_s > now_s + FUTURE_S or (self.beat is not None and beat.t_s < self.beat.t_s):
             return False

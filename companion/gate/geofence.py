@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from companion.gate.plan import Fence
+from companion.gate.plan import Geofence
 
 
-def excess_m(fence: Fence, north_m: float, east_m: float, down_m: float) -> float:
+def excess_m(fence: Geofence, north_m: float, east_m: float, down_m: float) -> float:
     """How far a place is outside, in m; negative or zero inside, minus infinity where nothing is fenced."""
     beyond = [-math.inf]
     for bounds, value_m in ((fence.north_m, north_m), (fence.east_m, east_m), (fence.down_m, down_m)):

@@ -34,7 +34,7 @@ _STATES = {
 }
 
 
-class Voice:
+class Outgoing:
     """Makes the gate's own messages.
 
     Args:
@@ -57,7 +57,7 @@ class Voice:
         """To the log and the application only."""
         self._notices.append((fault, words))
 
-    def take_notices(self) -> list[tuple[Fault | None, str]]:
+    def drain_notices(self) -> list[tuple[Fault | None, str]]:
         """Everything that was said since the last call, and the fault that each is about."""
         taken = list(self._notices)
         self._notices.clear()

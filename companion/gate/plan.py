@@ -24,7 +24,7 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class Fence:
+class Geofence:
     """Where the vehicle may be, in the autopilot's local north-east-down frame; None: anywhere.
 
     Attributes:
@@ -128,7 +128,7 @@ class Plan:
     period_s: float
     silence_s: float
     limits: Limits
-    fence: Fence
+    fence: Geofence
     thresholds: Thresholds
     reactions: dict[Fault, Reaction]
     recover_s: float
@@ -159,7 +159,7 @@ class Plan:
             }
             made = {
                 "limits": Limits(**found["limits"]),
-                "fence": Fence(**fence),
+                "fence": Geofence(**fence),
                 "thresholds": Thresholds(**found["thresholds"]),
                 "reactions": {
                     Fault(fault): Reaction(Stage(it["first"]), it["hold_after_s"], it["land_after_s"])

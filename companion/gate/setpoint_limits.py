@@ -19,7 +19,7 @@ UNUSED = ("x", "y", "z", "afx", "afy", "afz", "yaw")
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class VelocitySetpoint:
     """A velocity that was asked for in the body's forward-right-down frame, and when."""
 
     t_s: float
@@ -39,7 +39,14 @@ class Asked:
         return not (self.vx_mps or self.vy_mps or self.vz_mps or self.yaw_rate_radps)
 
 
-def read(fields: Mapping[str, Any], system_id: int, now_s: float) -> Asked | str:
+@dataclass(frozen=True, slots=True)
+class Unreadable:
+    """A message that cannot be meant as a setpoint, and why."""
+
+    why: str
+
+
+def read(fields: Mapping[str, Any], system_id: int, now_s: float) -> VelocitySetpoint | Unreadable:
     """What a SET_POSITION_TARGET_LOCAL_NED asks for, or why it cannot be meant.
 
     Args:
@@ -49,17 +56,17 @@ def read(fields: Mapping[str, Any], system_id: int, now_s: float) -> Asked | str
     """
     target = fields["target_system"], fields["target_component"]
     if target != (system_id, MavComponent.AUTOPILOT1):
-        return f"for {target[0]:.0f}/{target[1]:.0f}"
+        return Unreadable(f"for {target[0]:.0f}/{target[1]:.0f}")
     if fields["coordinate_frame"] != MavFrame.BODY_NED:
-        return f"in frame {fields['coordinate_frame']:.0f}"
+        return Unreadable(f"in frame {fields['coordinate_frame']:.0f}")
     if fields["type_mask"] != VELOCITY_AND_YAW_RATE:
-        return f"with type mask {fields['type_mask']:.0f}"
-    asked = Asked(now_s, fields["vx"], fields["vy"], fields["vz"], fields["yaw_rate"])
+        return Unreadable(f"with type mask {fields['type_mask']:.0f}")
+    asked = VelocitySetpoint(now_s, fields["vx"], fields["vy"], fields["vz"], fields["yaw_rate"])
     numbers = (asked.vx_mps, asked.vy_mps, asked.vz_mps, asked.yaw_rate_radps, *(fields[name] for name in UNUSED))
-    return asked if all(map(math.isfinite, numbers)) else "not finite"
+    return asked if all(map(math.isfinite, numbers)) else Unreadable("not finite")
 
 
-def beyond(asked: Asked, before: Asked | None, limits: Limits, period_s: float) -> str | None:
+def beyond(asked: VelocitySetpoint, before: VelocitySetpoint | None, limits: Limits, period_s: float) -> str | None:
     """Which limit a setpoint breaks; None when it may pass.
 
     Args:
@@ -69,7 +76,7 @@ def beyond(asked: Asked, before: Asked | None, limits: Limits, period_s: float) 
         period_s: setpoints do not come faster than this, whatever their spacing on the wire.
     """
     if asked.speed_mps > limits.speed_mps:
-        return f"{asked.speed_mps:.2f} m/s"
+        return f"speed {asked.speed_mps:.2f} m/s"
     if abs(asked.vz_mps) > limits.climb_mps:
         return f"climb {abs(asked.vz_mps):.2f} m/s"
     if abs(asked.yaw_rate_radps) > limits.yaw_rate_radps:

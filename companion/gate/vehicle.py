@@ -11,7 +11,7 @@ from companion.gate.motion import Motion
 from companion.mavlink.estimator import ESTIMATOR, estimator_valid
 from companion.mavlink.firmware import KINDS, AutopilotKind
 from companion.mavlink.ids import MavCmd, MavModeFlag, MavResult
-from companion.mavlink.mode_monitor import ModeWatch
+from companion.mavlink.mode_monitor import ModeMonitor
 from companion.mavlink.modes import Personality, personality
 
 READ = frozenset({"HEARTBEAT", "LOCAL_POSITION_NED", "ATTITUDE", "COMMAND_ACK", "SYS_STATUS", *ESTIMATOR.values()})
@@ -42,7 +42,7 @@ class Vehicle:
         self.motion = Motion(jump_m)
         self.battery_percent: float | None = None
         self.estimator_good: bool | None = None
-        self._watch = ModeWatch(AutopilotKind.PX4)
+        self._mode_monitor = ModeMonitor(AutopilotKind.PX4)
         self._requests: dict[int, int] = {}  # component that asked for a mode -> number of its request
         self._asked_to_arm = False
         self._armed_s = math.inf
@@ -55,7 +55,7 @@ class Vehicle:
     @property
     def armed(self) -> bool:
         """By its newest heartbeat, or by an acknowledgement that is newer than any heartbeat could tell."""
-        return self._watch.maybe_armed(self._armed_s)
+        return self._mode_monitor.maybe_armed(self._armed_s)
 
     @property
     def airborne(self) -> bool:
@@ -65,36 +65,36 @@ class Vehicle:
     @property
     def taken_over(self) -> str | None:
         """The mode that somebody else chose, a pilot or a failsafe of the autopilot; None while the vehicle is ours."""
-        return self._watch.taken_over
+        return self._mode_monitor.taken_over
 
     @property
     def asked_modes(self) -> frozenset[int]:
         """The modes asked for last."""
-        return self._watch.ours
+        return self._mode_monitor.ours
 
     @property
     def shown_mode(self) -> int | None:
         """Of the newest heartbeat."""
-        return self._watch.mode
+        return self._mode_monitor.mode
 
-    def obeys(self, mode: int) -> bool:
+    def confirms(self, mode: int) -> bool:
         """Whether a mode was asked for last, and a heartbeat has shown it since."""
-        return self._watch.confirmed and self._watch.ours == {mode} and self._watch.mode == mode
+        return self._mode_monitor.confirmed and self._mode_monitor.ours == {mode} and self._mode_monitor.mode == mode
 
-    def begin(self) -> None:
+    def reset(self) -> None:
         """A new application: what was asked for before does not concern it."""
-        before = self._watch
-        self._watch = ModeWatch(self.kind or AutopilotKind.PX4)
+        before = self._mode_monitor
+        self._mode_monitor = ModeMonitor(self.kind or AutopilotKind.PX4)
         if before.mode is not None:
-            self._watch.heartbeat(before.mode, before.armed, before.heartbeat_s)
+            self._mode_monitor.heartbeat(before.mode, before.armed, before.heartbeat_s)
         self._requests.clear()
-        self.land_here()
+        self.end_flight()
 
-    def land_here(self) -> None:
+    def end_flight(self) -> None:
         """The flight is over: an arming from here on is a new one."""
         self._asked_to_arm, self._armed_s = False, math.inf
 
-    def spoke(self, name: str | None, fields: Fields, now_s: float) -> None:
+    def on_message(self, name: str | None, fields: Fields, now_s: float) -> None:
         """One message of the autopilot of our vehicle; its name is None when it is not one of `READ`."""
         self.heard_s = now_s
         if name == "HEARTBEAT":
@@ -111,35 +111,35 @@ class Vehicle:
         elif self.kind is not None and name == ESTIMATOR[self.kind]:
             self.estimator_good = estimator_valid(self.kind, fields["flags"])
 
-    def told(self, command: int, fields: Fields, component: int) -> None:
+    def on_command_sent(self, command: int, fields: Fields, component: int) -> None:
         """A command that moves the vehicle was let through, or sent by the gate itself."""
         ours = self.personality
         if command == MavCmd.COMPONENT_ARM_DISARM:
             self._asked_to_arm = self._asked_to_arm or fields["param1"] == 1.0
         elif command == MavCmd.NAV_TAKEOFF:
-            self._watch.ask(ours.taking_off)
+            self._mode_monitor.ask(ours.taking_off)
         elif command == MavCmd.NAV_LAND:
-            self._watch.ask(frozenset({ours.land}), may_disarm=True, passing=ours.passing_to(ours.land))
+            self._mode_monitor.ask(frozenset({ours.land}), may_disarm=True, passing=ours.passing_to(ours.land))
         elif (mode := mode_asked_for(ours.kind, fields)) is not None:
-            request = self._watch.ask(frozenset({mode}), mode == ours.land, ours.passing_to(mode))
+            request = self._mode_monitor.ask(frozenset({mode}), mode == ours.land, ours.passing_to(mode))
             self._requests[component] = request
 
     def _heartbeat(self, fields: Fields, now_s: float) -> None:
         kind = KINDS.get(fields["autopilot"])
         if self.kind is None and kind is not None:
             self.kind = kind
-            self._watch = ModeWatch(kind)
+            self._mode_monitor = ModeMonitor(kind)
         if kind is None or kind is not self.kind:
             # The firmware does not change while it flies: somebody else speaks with our vehicle's number.
             return
         self.heartbeat_s = now_s
-        self._watch.heartbeat(fields["custom_mode"], bool(fields["base_mode"] & MavModeFlag.SAFETY_ARMED), now_s)
+        self._mode_monitor.heartbeat(fields["custom_mode"], bool(fields["base_mode"] & MavModeFlag.SAFETY_ARMED), now_s)
 
     def _acknowledged(self, fields: Fields, now_s: float) -> None:
         good = fields["result"] in (MavResult.ACCEPTED, MavResult.IN_PROGRESS)
-        if fields["command"] == MavCmd.COMPONENT_ARM_DISARM and self._asked_to_arm and not self._watch.armed:
+        if fields["command"] == MavCmd.COMPONENT_ARM_DISARM and self._asked_to_arm and not self._mode_monitor.armed:
             self._armed_s = now_s if good else math.inf
         elif fields["command"] == MavCmd.DO_SET_MODE and not good:
             request = self._requests.pop(fields["target_component"], None)
             if request is not None:
-                self._watch.refused(request)
+                self._mode_monitor.refused(request)

@@ -18,7 +18,7 @@ HEARTBEAT_LATE_S = 1.2
 """A heartbeat that is newer than an event by this much knows of it."""
 
 
-class ModeWatch:
+class ModeMonitor:
     """Compares each heartbeat with the modes that we asked for.
 
     Heartbeats come once a second and say what was up to a second ago, so the mode that was ours before may show for a

@@ -8,7 +8,7 @@ from companion.autopilot.message_rates import ESTIMATOR_HZ
 from companion.config.settings import Settings
 from companion.errors import InputError
 from companion.gate.faults import Stage
-from companion.gate.plan import Attached, Fence, Limits, Plan, Reaction, Signing, Stopping, Thresholds
+from companion.gate.plan import Attached, Geofence, Limits, Plan, Reaction, Signing, Stopping, Thresholds
 from companion.safety_case.stopping_budget import Basis, BudgetLine, Law, stopping_budget
 
 _STAGES = {"tell": Stage.PASS, "brake": Stage.BRAKE, "hold": Stage.HOLD, "land": Stage.LAND}
@@ -42,7 +42,7 @@ def to_plan(
             yaw_rate_radps=safety.yaw_rate_limit_radps(control),
             accel_mps2=safety.accel_limit_mps2(control),
         ),
-        fence=Fence(
+        fence=Geofence(
             north_m=fence.north_m,
             east_m=fence.east_m,
             # Heights count upward, the autopilot's frame downward.

@@ -9,7 +9,7 @@ from typing import Any
 
 from companion.gate.faults import Fault, Stage
 from companion.gate.gate import Gate
-from companion.gate.plan import Fence, Limits, Plan, Reaction, Stopping, Thresholds
+from companion.gate.plan import Geofence, Limits, Plan, Reaction, Stopping, Thresholds
 from companion.gate.protocol import Beat, Phase
 from companion.mavlink.codec import Encoder, Frame, Framer, decode
 from companion.mavlink.firmware import AutopilotKind
@@ -26,7 +26,7 @@ PLAN = Plan(
     period_s=0.05,
     silence_s=0.5,
     limits=Limits(speed_mps=0.55, climb_mps=0.44, yaw_rate_radps=0.66, accel_mps2=2.0),
-    fence=Fence(),
+    fence=Geofence(),
     thresholds=Thresholds(
         setpoint_s=0.12,
         beat_s=0.12,
@@ -102,7 +102,7 @@ def command(number: int, *parameters: float, component: int = APPLICATION, **fie
 
 def texts_of(gate: Gate, now_s: float = 0.0) -> list[str]:
     """The texts that the gate has given out since the last call."""
-    return [notice.text for notice in gate.take_notices(now_s) if notice.text]
+    return [notice.text for notice in gate.drain_notices(now_s) if notice.text]
 
 
 class Air:
@@ -140,7 +140,7 @@ class Air:
 
     def tell(self, name: str, component: int = AUTOPILOT, system: int = SYSTEM, **fields: Any) -> None:
         """Something comes over the autopilot's link."""
-        self.gate.autopilot_spoke(frame(name, component, system, **fields), self.now_s)
+        self.gate.on_autopilot_message(frame(name, component, system, **fields), self.now_s)
 
     def heartbeat(self) -> None:
         """The autopilot's."""
@@ -149,7 +149,7 @@ class Air:
 
     def ask(self, sent: Frame) -> bytes | None:
         """The application sends something; what goes down in answer."""
-        return self.gate.application_spoke(sent, self.now_s).raw
+        return self.gate.on_application_message(sent, self.now_s).raw
 
     def set_mode(self, mode: int) -> bytes | None:
         """The application asks for a mode, and gets it when that passes."""
@@ -169,7 +169,7 @@ class Air:
             if self.positions and self._ticks % 2 == 0:
                 self._tell_position()
             if self.beats and self._ticks % 5 == 0:
-                self.gate.beat(replace(self.beat, t_s=self.now_s).packed(), self.now_s)
+                self.gate.on_word(replace(self.beat, t_s=self.now_s).packed(), self.now_s)
             if self.setpoints and self._ticks % 5 == 0:
                 self._steer()
             for raw in self.gate.cycle(self.now_s):
@@ -207,8 +207,8 @@ class Air:
             "x": self.position["x"] + 0.02 * self.position["vx"] + 1e-5 * (self._ticks % 7)
         }
         stamp_ms = round(self.now_s * 1e3)
-        self.gate.autopilot_spoke(told("LOCAL_POSITION_NED", time_boot_ms=stamp_ms, **self.position), self.now_s)
-        self.gate.autopilot_spoke(told("ATTITUDE", time_boot_ms=stamp_ms), self.now_s)
+        self.gate.on_autopilot_message(told("LOCAL_POSITION_NED", time_boot_ms=stamp_ms, **self.position), self.now_s)
+        self.gate.on_autopilot_message(told("ATTITUDE", time_boot_ms=stamp_ms), self.now_s)
 
     def _steer(self) -> None:
         raw = self.ask(setpoint(*self.wanted))

@@ -44,7 +44,7 @@ class Scene:
 
     def beat(self, phase: Phase, now_s: float = NOW_S, **changes: Any) -> None:
         """The application has ticked."""
-        self.gate.beat(replace(BEAT, t_s=now_s, phase=phase, **changes).packed(), now_s)
+        self.gate.on_word(replace(BEAT, t_s=now_s, phase=phase, **changes).packed(), now_s)
 
     def stage(self) -> Stage:
         """What the gate does now."""
@@ -56,7 +56,7 @@ class Scene:
 
     def patient_since_s(self) -> float | None:
         """Since when the gate has waited for a hold."""
-        return self.gate._answer._hold_since_s
+        return self.gate._failsafe._hold_since_s
 
     def heartbeat(self, mode: int, now_s: float = NOW_S, *, armed: bool = True) -> None:
         """The autopilot's."""
@@ -64,7 +64,7 @@ class Scene:
 
     def hear(self, name: str, now_s: float = NOW_S, **fields: Any) -> None:
         """Something comes from the autopilot."""
-        self.gate.autopilot_spoke(frame(name, AUTOPILOT, **fields), now_s)
+        self.gate.on_autopilot_message(frame(name, AUTOPILOT, **fields), now_s)
 
     def at(self, now_s: float = NOW_S, **place: float) -> None:
         """The autopilot tells where it is, and that it looks north."""
@@ -74,11 +74,11 @@ class Scene:
     def mode(self, mode: int, now_s: float = NOW_S) -> bool:
         """The application asks for a mode; whether that passes."""
         order = command(176, *self.ours.set_mode_parameters(mode))
-        return self.gate.application_spoke(order, now_s).raw == order.raw
+        return self.gate.on_application_message(order, now_s).raw == order.raw
 
     def passes(self, sent: Frame, now_s: float = NOW_S) -> bool:
         """The application sends something; whether it passes as it is."""
-        return self.gate.application_spoke(sent, now_s).raw == sent.raw
+        return self.gate.on_application_message(sent, now_s).raw == sent.raw
 
     def fly(self) -> None:
         """Armed, in the mode of setpoints, exploring; all is well."""

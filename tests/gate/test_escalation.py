@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from companion.gate.escalation import Ladder
+from companion.gate.escalation import Escalation
 from companion.gate.faults import Fault, Stage
 from companion.gate.plan import Reaction
 
@@ -19,17 +19,17 @@ REACTIONS = dict.fromkeys(Fault, Reaction(Stage.BRAKE, 5.0, 30.0)) | {
 }
 
 
-def ladder(recover_s: float = 1.0) -> Ladder:
-    return Ladder(REACTIONS, recover_s)
+def escalation(recover_s: float = 1.0) -> Escalation:
+    return Escalation(REACTIONS, recover_s)
 
 
-def at(climbing: Ladder) -> Stage:
+def at(climbing: Escalation) -> Stage:
     return climbing.stage
 
 
 def test_nothing_is_done_before_anything_is_wrong() -> None:
     """Protects the beginning: setpoints pass, because of nothing."""
-    fresh = ladder()
+    fresh = escalation()
     assert (fresh.stage, fresh.because, fresh.counting) == (Stage.PASS, None, NOTHING)
     assert fresh.update(NOTHING, 1.0) == NOTHING
     assert (fresh.stage, fresh.because) == (Stage.PASS, None)
@@ -37,7 +37,7 @@ def test_nothing_is_done_before_anything_is_wrong() -> None:
 
 def test_each_stage_comes_at_its_delay_and_not_before() -> None:
     """Protects the delays of the configuration: they count from the first appearance, to the cycle."""
-    climbing = ladder()
+    climbing = escalation()
     assert climbing.update(DEPTH, 10.0) == DEPTH
     stages = {}
     for now_s in (10.0, 14.75, 15.0, 39.75, 40.0):
@@ -50,11 +50,11 @@ def test_each_stage_comes_at_its_delay_and_not_before() -> None:
 
 def test_where_no_delay_is_set_nothing_more_is_done() -> None:
     """Protects "no landing where nobody asked for one", for ever."""
-    told = ladder()
+    told = escalation()
     told.update(MAP, 0.0)
     told.update(MAP, 1e9)
     assert (told.stage, told.because, told.counting) == (Stage.PASS, None, MAP)
-    held = ladder()
+    held = escalation()
     held.update(STOP, 0.0)
     held.update(STOP, 1e9)
     assert at(held) is Stage.HOLD
@@ -62,7 +62,7 @@ def test_where_no_delay_is_set_nothing_more_is_done() -> None:
 
 def test_a_fault_is_over_when_it_has_been_gone_for_long_enough() -> None:
     """Protects both: a vehicle that flies on too soon, and one that never does."""
-    braked = ladder()
+    braked = escalation()
     braked.update(DEPTH, 10.0)
     braked.update(NOTHING, 10.75)
     assert at(braked) is Stage.BRAKE
@@ -75,7 +75,7 @@ def test_a_fault_is_over_when_it_has_been_gone_for_long_enough() -> None:
 
 def test_a_fault_that_is_there_counts_even_when_nothing_has_to_be_waited_for() -> None:
     """Protects a configuration without a time to recover."""
-    quick = ladder(recover_s=0.0)
+    quick = escalation(recover_s=0.0)
     for now_s in (1.0, 7.0):
         quick.update(DEPTH, now_s)
         assert quick.counting == DEPTH
@@ -89,7 +89,7 @@ def test_a_fault_that_is_there_counts_even_when_nothing_has_to_be_waited_for() -
 @pytest.mark.parametrize("fault", [Fault.GROUND_STOP, Fault.APPLICATION])
 def test_some_faults_are_never_over(fault: Fault) -> None:
     """Protects the order of a person, and the fact that a process is dead."""
-    stopped = ladder()
+    stopped = escalation()
     stopped.update(frozenset({fault}), 0.0)
     stopped.update(NOTHING, 0.5)
     stopped.update(NOTHING, 100.0)
@@ -99,11 +99,11 @@ def test_some_faults_are_never_over(fault: Fault) -> None:
 
 def test_the_first_of_those_that_ask_for_the_same_is_named() -> None:
     """Protects what the pilot reads: the cause, not its consequences; the same words on every computer."""
-    braked = ladder()
+    braked = escalation()
     braked.update(frozenset({Fault.RANGES_STALE}), 1.0)
     braked.update(frozenset({Fault.RANGES_STALE, Fault.DEPTH_STALE}), 1.5)
     assert braked.because is Fault.RANGES_STALE
-    both = ladder()
+    both = escalation()
     both.update(frozenset({Fault.SETPOINT_LATE, Fault.RANGES_STALE, Fault.BEAT_LATE, Fault.LINK_LOST}), 1.0)
     assert both.because is Fault.BEAT_LATE
     both.update(frozenset({Fault.BATTERY}), 1.0)
@@ -112,7 +112,7 @@ def test_the_first_of_those_that_ask_for_the_same_is_named() -> None:
 
 def test_a_hold_keeps_its_cause_and_gives_way_to_a_landing_only() -> None:
     """Protects the way back: after a hold neither a recovery nor another fault makes it milder, or changes its name."""
-    held = ladder()
+    held = escalation()
     held.update(RANGES, 0.0)
     held.update(RANGES, 5.0)
     held.update(DEPTH, 6.0)
@@ -130,7 +130,7 @@ def test_a_hold_keeps_its_cause_and_gives_way_to_a_landing_only() -> None:
 
 def test_a_stage_that_cannot_be_had_leads_on_and_never_back() -> None:
     """Protects a vehicle that cannot hold, and one that lands already."""
-    forced = ladder()
+    forced = escalation()
     forced.update(DEPTH, 0.0)
     forced.force(Stage.HOLD)
     assert at(forced) is Stage.HOLD
@@ -143,7 +143,7 @@ def test_a_stage_that_cannot_be_had_leads_on_and_never_back() -> None:
 
 def test_a_new_flight_begins_with_nothing() -> None:
     """Protects the next flight from the faults of the last."""
-    again = ladder()
+    again = escalation()
     again.update(DEPTH | STOP, 0.0)
     again.update(DEPTH | STOP, 40.0)
     again.reset()

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from companion.gate.fault_monitor import Watch
+from companion.gate.fault_monitor import FaultMonitor
 from companion.gate.faults import Fault
-from companion.gate.plan import Fence, Plan, Stopping
+from companion.gate.plan import Geofence, Plan, Stopping
 from companion.gate.protocol import Beat, Phase
-from companion.gate.setpoint_limits import Asked
+from companion.gate.setpoint_limits import VelocitySetpoint
 from companion.gate.vehicle import Vehicle
 from companion.mavlink.firmware import AutopilotKind
 from tests.gate.built import PLAN as BUILT
@@ -23,7 +23,7 @@ JUST_S = 2.0**-20
 PLAN = replace(
     BUILT,
     period_s=0.125,
-    fence=Fence(north_m=(-4.0, 4.0)),
+    fence=Geofence(north_m=(-4.0, 4.0)),
     stopping=Stopping(delay_s=0.25, brake_mps2=0.25),
     thresholds=replace(
         BUILT.thresholds,
@@ -48,28 +48,28 @@ def moved(**changes: float) -> dict[str, float]:
 def vehicle() -> Vehicle:
     """One of which all is well, at `NOW_S`."""
     found = Vehicle(PLAN.thresholds.pose_jump_m)
-    found.spoke("HEARTBEAT", {"autopilot": 12, "base_mode": 128, "custom_mode": 6 << 16}, NOW_S)
-    found.spoke("LOCAL_POSITION_NED", moved(), NOW_S)
-    found.spoke("ATTITUDE", {"yaw": 0.0}, NOW_S)
-    found.told(176, {"param2": 6.0, "param3": 0.0}, 191)
+    found.on_message("HEARTBEAT", {"autopilot": 12, "base_mode": 128, "custom_mode": 6 << 16}, NOW_S)
+    found.on_message("LOCAL_POSITION_NED", moved(), NOW_S)
+    found.on_message("ATTITUDE", {"yaw": 0.0}, NOW_S)
+    found.on_command_sent(176, {"param2": 6.0, "param3": 0.0}, 191)
     return found
 
 
-def watching(beat: Beat | None = FRESH, plan: Plan = PLAN, **changes: Any) -> Watch:
+def watching(beat: Beat | None = FRESH, plan: Plan = PLAN, **changes: Any) -> FaultMonitor:
     """A watch of it, with an application that steers."""
     watched = vehicle()
     for name, value in changes.items():
         setattr(watched, name, value)
-    watch = Watch(plan, watched)
+    monitor = FaultMonitor(plan, watched)
     if beat is not None:
-        assert watch.take(beat, NOW_S)
-    watch.asked = Asked(NOW_S, 0.0, 0.0, 0.0, 0.0)
-    return watch
+        assert monitor.on_beat(beat, NOW_S)
+    monitor.asked = VelocitySetpoint(NOW_S, 0.0, 0.0, 0.0, 0.0)
+    return monitor
 
 
-def only(watch: Watch, fault: Fault, now_s: float = NOW_S) -> str | None:
+def only(monitor: FaultMonitor, fault: Fault, now_s: float = NOW_S) -> str | None:
     """The words of one fault."""
-    return watch.faults(now_s).get(fault)
+    return monitor.faults(now_s).get(fault)
 
 
 def test_nothing_is_wrong_when_nothing_is() -> None:
@@ -79,24 +79,24 @@ def test_nothing_is_wrong_when_nothing_is() -> None:
 
 def test_before_the_first_beat_there_is_no_application() -> None:
     """Protects the beginning: nobody explores, and the beat is late for ever."""
-    watch = watching(None)
-    assert (watch.beat, watch.phase, watch.beat_age_s(NOW_S)) == (None, Phase.GROUND, math.inf)
-    assert watch.faults(NOW_S) == {Fault.BEAT_LATE: "never"}
+    monitor = watching(None)
+    assert (monitor.beat, monitor.phase, monitor.beat_age_s(NOW_S)) == (None, Phase.GROUND, math.inf)
+    assert monitor.faults(NOW_S) == {Fault.BEAT_LATE: "never"}
 
 
 def test_which_beats_can_be() -> None:
     """Protects the clock: neither a future beat nor one from before the newest makes the application younger."""
-    watch = watching()
-    assert watch.take(replace(FRESH, t_s=NOW_S + 0.0625), NOW_S) is False
-    assert watch.take(replace(FRESH, t_s=NOW_S - JUST_S), NOW_S) is False
-    assert watch.take(FRESH, NOW_S), "the same once more"
+    monitor = watching()
+    assert monitor.on_beat(replace(FRESH, t_s=NOW_S + 0.0625), NOW_S) is False
+    assert monitor.on_beat(replace(FRESH, t_s=NOW_S - JUST_S), NOW_S) is False
+    assert monitor.on_beat(FRESH, NOW_S), "the same once more"
     ahead = replace(FRESH, t_s=NOW_S + 0.03125)
-    assert watch.take(ahead, NOW_S)
-    assert watch.beat is ahead
-    assert watch.beat_age_s(NOW_S) == 0.0
-    assert watch.beat_age_s(NOW_S + 1.03125) == 1.0
-    zero = Watch(PLAN, vehicle())
-    assert zero.take(replace(FRESH, t_s=0.05), 0.0), "at the bound it is one"
+    assert monitor.on_beat(ahead, NOW_S)
+    assert monitor.beat is ahead
+    assert monitor.beat_age_s(NOW_S) == 0.0
+    assert monitor.beat_age_s(NOW_S + 1.03125) == 1.0
+    zero = FaultMonitor(PLAN, vehicle())
+    assert zero.on_beat(replace(FRESH, t_s=0.05), 0.0), "at the bound it is one"
 
 
 @pytest.mark.parametrize(
@@ -114,9 +114,9 @@ def test_which_beats_can_be() -> None:
 )
 def test_what_is_late_is_late_from_its_threshold_on(fault: Fault, changes: dict[str, Any], limit_s: float) -> None:
     """Protects each age: at its limit it passes, after it never; ages go on while no beat comes."""
-    watch = watching(replace(FRESH, **changes))
-    assert only(watch, fault, NOW_S + limit_s) is None
-    words = only(watch, fault, NOW_S + limit_s + JUST_S)
+    monitor = watching(replace(FRESH, **changes))
+    assert only(monitor, fault, NOW_S + limit_s) is None
+    words = only(monitor, fault, NOW_S + limit_s + JUST_S)
     assert words is not None
     assert words.endswith(" s")
     age_s = limit_s + sum(changes.values())
@@ -135,71 +135,71 @@ def test_what_never_came_is_said_to_have_never_come() -> None:
 def test_what_is_expected_depends_on_what_the_application_does(phase: Phase) -> None:
     """Protects a landing from being stopped for a blind camera, and an end of flight from needing beats."""
     blind = replace(FRESH, depth_age_s=9.0, ranges_age_s=9.0, map_age_s=99.0, ahead_m=0.1, phase=phase)
-    watch = watching(blind)
-    watch.asked = Asked(NOW_S - 9.0, 0.5, 0.0, 0.0, 0.0)
-    watch._vehicle.motion.fresh_s = NOW_S - 1.0
-    watch._vehicle.heard_s = watch._vehicle.heartbeat_s = NOW_S + 1.0
+    monitor = watching(blind)
+    monitor.asked = VelocitySetpoint(NOW_S - 9.0, 0.5, 0.0, 0.0, 0.0)
+    monitor._vehicle.motion.fresh_s = NOW_S - 1.0
+    monitor._vehicle.heard_s = monitor._vehicle.heartbeat_s = NOW_S + 1.0
     expected = set() if phase is Phase.ENDED else {Fault.BEAT_LATE}
     if phase in (Phase.CLIMBING, Phase.EXPLORING):
         expected |= {Fault.POSE_STALE}
     if phase is Phase.EXPLORING:
         expected |= {Fault.DEPTH_STALE, Fault.RANGES_STALE, Fault.MAP, Fault.SETPOINT_LATE, Fault.DISTANCE}
-    assert set(watch.faults(NOW_S + 1.0)) == expected
+    assert set(monitor.faults(NOW_S + 1.0)) == expected
 
 
 def test_positions_that_stop_are_stale() -> None:
     """Protects against the autopilot's silence about its place, which the application's own age may not show."""
-    watch = watching()
+    monitor = watching()
     for after_s, words in ((0.25, None), (0.25 + JUST_S, "0.25 s")):
-        watch.take(replace(FRESH, t_s=NOW_S + after_s), NOW_S + after_s)
-        assert only(watch, Fault.POSE_STALE, NOW_S + after_s) == words
+        monitor.on_beat(replace(FRESH, t_s=NOW_S + after_s), NOW_S + after_s)
+        assert only(monitor, Fault.POSE_STALE, NOW_S + after_s) == words
 
 
 def test_setpoints_are_expected_once_it_explores_in_offboard() -> None:
     """Protects the change from climbing to exploring: the time counts from there, not from each beat."""
-    watch = watching(replace(FRESH, phase=Phase.CLIMBING))
-    watch.asked = None
+    monitor = watching(replace(FRESH, phase=Phase.CLIMBING))
+    monitor.asked = None
     for tick in range(3):
-        watch.take(replace(FRESH, t_s=NOW_S + 0.0625 * tick), NOW_S + 0.0625 * tick)
-    assert only(watch, Fault.SETPOINT_LATE, NOW_S + 0.125) is None
-    assert only(watch, Fault.SETPOINT_LATE, NOW_S + 0.125 + JUST_S) == "0.13 s"
-    watch.asked = Asked(NOW_S - 9.0, 0.0, 0.0, 0.0, 0.0)
-    assert only(watch, Fault.SETPOINT_LATE, NOW_S + 0.125) is None, "one from before does not make it late"
-    watch.asked = Asked(NOW_S + 0.125, 0.0, 0.0, 0.0, 0.0)
-    assert only(watch, Fault.SETPOINT_LATE, NOW_S + 0.25) is None
-    watch.take(replace(FRESH, t_s=NOW_S + 0.5, phase=Phase.ENDING), NOW_S + 0.5)
-    watch.take(replace(FRESH, t_s=NOW_S + 1.0), NOW_S + 1.0)
-    assert only(watch, Fault.SETPOINT_LATE, NOW_S + 1.125) is None, "it began anew"
-    watch._vehicle.told(21, {}, 191)
-    assert only(watch, Fault.SETPOINT_LATE, NOW_S + 5.0) is None, "nobody steers in another mode"
+        monitor.on_beat(replace(FRESH, t_s=NOW_S + 0.0625 * tick), NOW_S + 0.0625 * tick)
+    assert only(monitor, Fault.SETPOINT_LATE, NOW_S + 0.125) is None
+    assert only(monitor, Fault.SETPOINT_LATE, NOW_S + 0.125 + JUST_S) == "0.13 s"
+    monitor.asked = VelocitySetpoint(NOW_S - 9.0, 0.0, 0.0, 0.0, 0.0)
+    assert only(monitor, Fault.SETPOINT_LATE, NOW_S + 0.125) is None, "one from before does not make it late"
+    monitor.asked = VelocitySetpoint(NOW_S + 0.125, 0.0, 0.0, 0.0, 0.0)
+    assert only(monitor, Fault.SETPOINT_LATE, NOW_S + 0.25) is None
+    monitor.on_beat(replace(FRESH, t_s=NOW_S + 0.5, phase=Phase.ENDING), NOW_S + 0.5)
+    monitor.on_beat(replace(FRESH, t_s=NOW_S + 1.0), NOW_S + 1.0)
+    assert only(monitor, Fault.SETPOINT_LATE, NOW_S + 1.125) is None, "it began anew"
+    monitor._vehicle.on_command_sent(21, {}, 191)
+    assert only(monitor, Fault.SETPOINT_LATE, NOW_S + 5.0) is None, "nobody steers in another mode"
 
 
 @pytest.mark.parametrize("name", ["bad_s", "flooded_s"])
 def test_what_happened_counts_for_a_moment(name: str) -> None:
     """Protects events from being overlooked between two cycles, and from lasting."""
     fault = {"bad_s": Fault.SETPOINT_BAD, "flooded_s": Fault.FLOOD}[name]
-    watch = watching()
-    setattr(watch, name, 0.0)
-    assert watch._of_the_application(0.09375)[fault] == ""
-    assert fault not in watch._of_the_application(0.1)
+    monitor = watching()
+    setattr(monitor, name, 0.0)
+    assert monitor._of_the_application(0.09375)[fault] == ""
+    assert fault not in monitor._of_the_application(0.1)
 
 
 def test_a_jump_counts_for_a_moment() -> None:
     """Protects the same for a position that jumped."""
-    watch = watching()
-    watch._vehicle.motion.jumped_s = 0.0
-    assert watch._of_the_autopilot(0.09375)[Fault.POSE_JUMP] == ""
-    assert Fault.POSE_JUMP not in watch._of_the_autopilot(0.1)
+    monitor = watching()
+    monitor._vehicle.motion.jumped_s = 0.0
+    assert monitor._of_the_autopilot(0.09375)[Fault.POSE_JUMP] == ""
+    assert Fault.POSE_JUMP not in monitor._of_the_autopilot(0.1)
 
 
 def test_a_dead_application_and_an_order_from_the_ground() -> None:
     """Protects what is told once and stays."""
-    watch = watching()
-    watch.died = True
-    assert watch.faults(NOW_S) == {Fault.APPLICATION: "died"}
-    watch = watching()
-    watch.stop_ordered = True
-    assert watch.faults(NOW_S) == {Fault.GROUND_STOP: ""}
+    monitor = watching()
+    monitor.died = True
+    assert monitor.faults(NOW_S) == {Fault.APPLICATION: "died"}
+    monitor = watching()
+    monitor.stop_ordered = True
+    assert monitor.faults(NOW_S) == {Fault.GROUND_STOP: ""}
 
 
 @pytest.mark.parametrize(
@@ -222,29 +222,29 @@ def test_what_the_autopilot_says_of_itself(changes: dict[str, Any], found: dict[
 def test_positions_that_repeat_themselves_are_frozen() -> None:
     """Protects against an estimator that stands still, not against a link that does."""
     for repeated_s, frozen in ((0.25, False), (0.25 + JUST_S, True)):
-        watch = watching()
-        watch._vehicle.spoke("LOCAL_POSITION_NED", moved(time_boot_ms=2e3), NOW_S + repeated_s)
-        assert (Fault.POSE_FROZEN in watch.faults(NOW_S + repeated_s)) is frozen
+        monitor = watching()
+        monitor._vehicle.on_message("LOCAL_POSITION_NED", moved(time_boot_ms=2e3), NOW_S + repeated_s)
+        assert (Fault.POSE_FROZEN in monitor.faults(NOW_S + repeated_s)) is frozen
     assert Fault.POSE_FROZEN not in watching().faults(NOW_S + 9.0)
 
 
 @pytest.mark.parametrize(("north_m", "words"), [(4.0, None), (5.5, "1.5 m outside"), (-4.25, "0.2 m outside")])
 def test_who_is_outside_the_fence_is_told_how_far(north_m: float, words: str | None) -> None:
     """Protects the fence: on it is inside."""
-    watch = watching()
-    watch._vehicle.motion._state = (north_m, 0.0, 0.0, 0.0, 0.0, 0.0)
-    assert only(watch, Fault.FENCE) == words
+    monitor = watching()
+    monitor._vehicle.motion._state = (north_m, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert only(monitor, Fault.FENCE) == words
     nowhere = watching()
     nowhere._vehicle.motion._state = None
     assert only(nowhere, Fault.FENCE) is None, "a place that is not known is a fault of its own"
 
 
-def flying(flown_mps: float | None, asked_mps: float | None, ahead_m: float) -> Watch:
-    watch = watching(replace(FRESH, ahead_m=ahead_m))
-    motion = watch._vehicle.motion
+def flying(flown_mps: float | None, asked_mps: float | None, ahead_m: float) -> FaultMonitor:
+    monitor = watching(replace(FRESH, ahead_m=ahead_m))
+    motion = monitor._vehicle.motion
     motion._state = None if flown_mps is None else (0.0, 0.0, 0.0, flown_mps, 0.0, 0.0)
-    watch.asked = None if asked_mps is None else Asked(NOW_S, asked_mps, 0.0, 0.0, 0.0)
-    return watch
+    monitor.asked = None if asked_mps is None else VelocitySetpoint(NOW_S, asked_mps, 0.0, 0.0, 0.0)
+    return monitor
 
 
 @pytest.mark.parametrize(
@@ -279,32 +279,32 @@ def test_a_distance_that_is_not_known_is_judged_where_setpoints_are() -> None:
 
 def test_a_new_application_begins_with_nothing() -> None:
     """Protects the next one from what the last did, and did not."""
-    watch = watching()
-    watch.died = watch.stop_ordered = True
-    watch.bad_s = watch.flooded_s = NOW_S
-    watch.begin()
-    assert (watch.beat, watch.asked) == (None, None)
-    assert watch.faults(NOW_S) == {Fault.BEAT_LATE: "never"}
-    assert watch.take(replace(FRESH, t_s=NOW_S - 1.0), NOW_S + 1.0), "its own clock counts"
-    assert only(watch, Fault.SETPOINT_LATE, NOW_S + 1.125) is None, "and its own exploring"
-    assert only(watch, Fault.SETPOINT_LATE, NOW_S + 1.25) == "0.25 s"
+    monitor = watching()
+    monitor.died = monitor.stop_ordered = True
+    monitor.bad_s = monitor.flooded_s = NOW_S
+    monitor.reset()
+    assert (monitor.beat, monitor.asked) == (None, None)
+    assert monitor.faults(NOW_S) == {Fault.BEAT_LATE: "never"}
+    assert monitor.on_beat(replace(FRESH, t_s=NOW_S - 1.0), NOW_S + 1.0), "its own clock counts"
+    assert only(monitor, Fault.SETPOINT_LATE, NOW_S + 1.125) is None, "and its own exploring"
+    assert only(monitor, Fault.SETPOINT_LATE, NOW_S + 1.25) == "0.25 s"
 
 
 def test_a_computer_that_has_just_started_has_no_faults_from_before() -> None:
     """Protects the first moments of the clock, which begins at zero: what never happened is not recent."""
-    watch = Watch(PLAN, vehicle())
+    monitor = FaultMonitor(PLAN, vehicle())
     for _ in range(2):
-        assert set(watch._of_the_application(0.0625)) == {Fault.BEAT_LATE}
-        assert Fault.POSE_JUMP not in watch._of_the_autopilot(0.0625)
-        watch.begin()
+        assert set(monitor._of_the_application(0.0625)) == {Fault.BEAT_LATE}
+        assert Fault.POSE_JUMP not in monitor._of_the_autopilot(0.0625)
+        monitor.reset()
 
 
 def test_ardupilot_is_steered_in_guided() -> None:
     """Protects the same where the mode has another number."""
     watched = Vehicle(0.5)
-    watched.spoke("HEARTBEAT", {"autopilot": 3, "base_mode": 128, "custom_mode": 4}, NOW_S)
+    watched.on_message("HEARTBEAT", {"autopilot": 3, "base_mode": 128, "custom_mode": 4}, NOW_S)
     assert watched.kind is AutopilotKind.ARDUPILOT
-    watched.told(176, {"param2": 4.0, "param3": 0.0}, 191)
-    watch = Watch(PLAN, watched)
-    watch.take(FRESH, NOW_S)
-    assert only(watch, Fault.SETPOINT_LATE, NOW_S + 0.25) == "0.25 s"
+    watched.on_command_sent(176, {"param2": 4.0, "param3": 0.0}, 191)
+    monitor = FaultMonitor(PLAN, watched)
+    monitor.on_beat(FRESH, NOW_S)
+    assert only(monitor, Fault.SETPOINT_LATE, NOW_S + 0.25) == "0.25 s"

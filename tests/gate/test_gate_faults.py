@@ -228,7 +228,7 @@ def test_a_person_on_the_ground_stops_it_for_good(target: int, through: str) -> 
     if through == "autopilot":
         air.tell("COMMAND_LONG", GROUND[1], GROUND[0], **order)
     else:
-        passes = air.gate.ground_spoke(frame("COMMAND_LONG", GROUND[1], GROUND[0], **order), "command")
+        passes = air.gate.on_attached_message(frame("COMMAND_LONG", GROUND[1], GROUND[0], **order), "command")
         assert passes == (target == 0)
     air.run(0.05)
     assert air.stage() is Stage.BRAKE
@@ -252,7 +252,7 @@ def test_what_is_no_order_to_us_stops_nothing(changes: dict[str, Any]) -> None:
 def test_an_application_that_died_is_not_waited_for() -> None:
     """Protects against hope: a process that is gone does not come back by itself, whatever is heard meanwhile."""
     air = in_the_air(reacting(Fault.APPLICATION, Stage.BRAKE, 2.0, 15.0))
-    air.gate.application_died("was killed by SIGKILL")
+    air.gate.on_application_died("was killed by SIGKILL")
     air.run(0.02)
     assert air.stage() is Stage.BRAKE
     air.run(5.0)
@@ -261,7 +261,7 @@ def test_an_application_that_died_is_not_waited_for() -> None:
     assert air.mode == air.ours.land
     air.armed = False
     air.run(1.5)
-    air.gate.application_started()
+    air.gate.on_application_started()
     air.beat = replace(BEAT, phase=Phase.CLIMBING)
     air.run(0.2)
     assert air.ask(command(400, 1.0)) is not None, "a person has started it again"
@@ -275,7 +275,7 @@ def test_an_application_that_hangs_is_found_out() -> None:
     assert not air.gate.hangs(air.now_s)
     air.run(0.2)
     assert air.gate.hangs(air.now_s)
-    air.gate.application_died("was killed: it hung")
+    air.gate.on_application_died("was killed: it hung")
     assert not air.gate.hangs(air.now_s)
     for phase in (Phase.GROUND, Phase.ENDED):
         quiet = Air()

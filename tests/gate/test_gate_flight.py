@@ -134,7 +134,7 @@ def test_the_end_of_a_flight_in_good_order() -> None:
     air.run(0.1)
     air.beats = False
     air.run(5.0)
-    air.gate.beat(Goodbye(3).packed(), air.now_s)
+    air.gate.on_word(Goodbye(3).packed(), air.now_s)
     assert air.gate.goodbye == Goodbye(3)
     assert (air.gate.airborne, air.gate.armed, air.stage()) == (False, False, Stage.PASS)
     assert air.notices == []
@@ -164,7 +164,7 @@ def test_beats_that_cannot_be_are_counted() -> None:
         replace(BEAT, t_s=air.now_s + 1.0).packed(),
         replace(BEAT, t_s=1.0).packed(),
     ):
-        air.gate.beat(data, air.now_s)
+        air.gate.on_word(data, air.now_s)
     assert air.gate.counts["beat that cannot be"] == before + 5
 
 
@@ -174,7 +174,7 @@ def test_our_own_messages_sent_back_are_nothing() -> None:
     air.tell("HEARTBEAT", APPLICATION, autopilot=12, base_mode=128)
     air.tell("COMMAND_LONG", 192, target_system=1, target_component=191, command=193)
     unknown = Frame(b"", 12000, 1, 154, b"", signed=False)
-    air.gate.autopilot_spoke(unknown, air.now_s)
+    air.gate.on_autopilot_message(unknown, air.now_s)
     air.run(0.1)
     assert not air.gate.armed
     air.tell("HEARTBEAT", 1, 1, autopilot=8)
@@ -231,7 +231,7 @@ def test_texts_for_the_pilot_do_not_pile_up() -> None:
     """Protects the link: the newest eight wait, two a second go out, each fits a STATUSTEXT."""
     air = Air()
     for i in range(30):
-        air.gate.application_died(f"number {i}")
+        air.gate.on_application_died(f"number {i}")
     assert len(texts_of(air.gate)) == 30
     assert texts_of(air.gate) == []
     air = in_the_air()
@@ -249,11 +249,11 @@ def test_a_refused_command_is_answered() -> None:
     """Protects the application's words: without an answer it would blame the link."""
     air = in_the_air()
     assert air.ask(command(400, 1.0, 21196.0)) is None
-    (raw,) = air.gate.take_upward()
+    (raw,) = air.gate.drain_upward()
     found, fields = read(raw)
     assert (found.system_id, found.component_id, found.message_id) == (1, 192, 77)
     assert (fields["command"], fields["result"], fields["target_component"]) == (400, 1, 191)
-    assert air.gate.take_upward() == []
+    assert air.gate.drain_upward() == []
 
 
 def test_a_landing_stays_due_when_the_application_ends_its_flight_in_a_hold() -> None:
@@ -266,7 +266,7 @@ def test_a_landing_stays_due_when_the_application_ends_its_flight_in_a_hold() ->
     air.beat = replace(BEAT, phase=Phase.ENDED)
     air.run(0.1)
     air.beats = False
-    air.gate.beat(Goodbye(1).packed(), air.now_s)
+    air.gate.on_word(Goodbye(1).packed(), air.now_s)
     air.run(22.0)
     assert air.mode == air.ours.hold
     air.run(3.0)

@@ -14,7 +14,7 @@ def test_a_flood_is_a_fault_while_it_lasts() -> None:
     """Protects the pilot's knowledge of it."""
     scene = flying()
     for _ in range(300):
-        scene.gate.application_spoke(frame("HEARTBEAT"), NOW_S)
+        scene.gate.on_application_message(frame("HEARTBEAT"), NOW_S)
     scene.gate.cycle(NOW_S)
     assert texts_of(scene.gate) == ["flood", "brake: flood"]
 
@@ -24,7 +24,7 @@ def test_faults_that_come_together_are_told_in_one_order() -> None:
     scene = flying()
     never = dict.fromkeys(("depth_age_s", "ranges_age_s", "pose_age_s", "map_age_s"), math.inf)
     scene.beat(Phase.EXPLORING, **never)
-    scene.gate.application_died("fell")
+    scene.gate.on_application_died("fell")
     scene.gate.cycle(NOW_S)
     _, *told = texts_of(scene.gate)
     names = ["application died", "depth_stale never", "map never", "pose_stale never", "ranges_stale never"]
@@ -43,7 +43,7 @@ def test_what_is_told_of_a_fault_and_of_its_answer() -> None:
         scene.heartbeat(scene.ours.offboard, now_s)
         scene.at(now_s, x=1e-3 * later_s)
         scene.beat(Phase.EXPLORING, now_s)
-        scene.gate.application_spoke(setpoint(), now_s)
+        scene.gate.on_application_message(setpoint(), now_s)
         scene.gate.cycle(now_s)
     assert scene.stage() is Stage.PASS
     assert texts_of(scene.gate)[-1] == "pass: all is well"
@@ -52,7 +52,7 @@ def test_what_is_told_of_a_fault_and_of_its_answer() -> None:
 def test_an_order_is_told_without_numbers() -> None:
     """Protects the same for faults that have none."""
     scene = flying()
-    scene.gate.autopilot_spoke(frame("COMMAND_LONG", GROUND[1], GROUND[0], **ORDER), NOW_S)
+    scene.gate.on_autopilot_message(frame("COMMAND_LONG", GROUND[1], GROUND[0], **ORDER), NOW_S)
     assert scene.sent(NOW_S)[:2] == [77, 84], "the answer goes out with the stop"
     assert texts_of(scene.gate) == ["ground_stop", "brake: ground_stop"]
 
@@ -73,7 +73,7 @@ def test_hands_are_off_once_in_each_flight() -> None:
         scene.gate.cycle(NOW_S)
         assert texts_of(scene.gate) == []
         scene.heartbeat(3 << 16, armed=False)
-        scene.gate.application_started()
+        scene.gate.on_application_started()
         scene.beat(Phase.CLIMBING)
         scene.fly()
 
@@ -89,12 +89,12 @@ def test_on_the_ground_nothing_is_a_fault() -> None:
 def test_the_stage_is_said_again_when_there_is_nothing_else_to_tell() -> None:
     """Protects from a notice that was lost: a take-off would go on under a gate that holds."""
     scene = flying()
-    scene.gate.take_notices(NOW_S)
-    assert scene.gate.take_notices(NOW_S + 0.0625) == [], "not each time"
-    assert scene.gate.take_notices(NOW_S + 0.125) == [Notice(Stage.PASS)]
+    scene.gate.drain_notices(NOW_S)
+    assert scene.gate.drain_notices(NOW_S + 0.0625) == [], "not each time"
+    assert scene.gate.drain_notices(NOW_S + 0.125) == [Notice(Stage.PASS)]
     scene.beat(Phase.EXPLORING, depth_age_s=0.75)
     scene.gate.cycle(NOW_S)
-    told = scene.gate.take_notices(NOW_S + 0.1875)
+    told = scene.gate.drain_notices(NOW_S + 0.1875)
     assert [(notice.stage, notice.fault) for notice in told] == [(Stage.BRAKE, Fault.DEPTH_STALE)] * 2
-    assert scene.gate.take_notices(NOW_S + 0.25) == [], "it has just been said"
-    assert scene.gate.take_notices(NOW_S + 0.3125) == [Notice(Stage.BRAKE, Fault.DEPTH_STALE)]
+    assert scene.gate.drain_notices(NOW_S + 0.25) == [], "it has just been said"
+    assert scene.gate.drain_notices(NOW_S + 0.3125) == [Notice(Stage.BRAKE, Fault.DEPTH_STALE)]

@@ -13,13 +13,13 @@ def test_a_burst_of_half_a_second_passes_and_no_more() -> None:
     scene = Scene()
     gate = Gate(PLAN, NOW_S)
     ping = frame("HEARTBEAT")
-    assert [gate.application_spoke(ping, NOW_S).raw is not None for _ in range(201)] == [True] * 200 + [False]
+    assert [gate.on_application_message(ping, NOW_S).raw is not None for _ in range(201)] == [True] * 200 + [False]
     assert gate.counts == {"application: flood": 1}
-    assert gate.application_spoke(ping, NOW_S + 0.00225).raw is None
-    assert gate.application_spoke(ping, NOW_S + 0.00375).raw is not None
-    assert gate.application_spoke(ping, NOW_S + 0.00375).raw is None
+    assert gate.on_application_message(ping, NOW_S + 0.00225).raw is None
+    assert gate.on_application_message(ping, NOW_S + 0.00375).raw is not None
+    assert gate.on_application_message(ping, NOW_S + 0.00375).raw is None
     later_s = NOW_S + 60.0
-    assert sum(gate.application_spoke(ping, later_s).raw is not None for _ in range(300)) == 200
+    assert sum(gate.on_application_message(ping, later_s).raw is not None for _ in range(300)) == 200
     assert scene.gate.counts.total() == 0
 
 
@@ -38,7 +38,7 @@ def test_every_reason_has_its_count() -> None:
         Frame(b"", 12000, SYSTEM, APPLICATION, b"", signed=False),
         Frame(b"", 84, SYSTEM, APPLICATION, b"\1" * 54, signed=False),
     ):
-        assert scene.gate.application_spoke(sent, NOW_S).raw is None
+        assert scene.gate.on_application_message(sent, NOW_S).raw is None
     assert scene.gate.counts == {
         "application: not on the list": 6,
         "application: parameter in flight": 1,
@@ -51,22 +51,22 @@ def test_a_refused_command_is_answered_to_the_application() -> None:
     """Protects the application from waiting for an autopilot that never heard of it."""
     scene = Scene()
     assert not scene.passes(command(246, 1.0))
-    (raw,) = scene.gate.take_upward()
+    (raw,) = scene.gate.drain_upward()
     found, fields = read(raw)
     assert (found.system_id, found.component_id, found.message_id) == (SYSTEM, GATE, 77)
     assert (fields["command"], fields["result"]) == (246, 1)
     assert (fields["target_system"], fields["target_component"]) == (SYSTEM, APPLICATION)
-    assert scene.gate.take_upward() == []
+    assert scene.gate.drain_upward() == []
     assert texts_of(scene.gate) == ["command 246 refused"]
     assert scene.passes(command(512, target_component=0))
-    assert scene.gate.take_upward() == []
+    assert scene.gate.drain_upward() == []
 
 
 def test_parameters_pass_to_an_autopilot_that_stands() -> None:
     """Protects the failsafes in flight; on the ground they are what pre-flight sets."""
     gate = Gate(PLAN, NOW_S)
     put = frame("PARAM_SET", target_system=SYSTEM)
-    assert gate.application_spoke(put, NOW_S).raw is None
+    assert gate.on_application_message(put, NOW_S).raw is None
     scene = Scene()
     assert scene.passes(put)
     scene.heartbeat(scene.ours.hold)
@@ -95,6 +95,6 @@ def test_an_arming_may_take_its_time() -> None:
 def test_setpoints_of_another_form_are_on_no_list() -> None:
     """Protects the one form that is checked."""
     scene = flying()
-    assert scene.gate.application_spoke(frame(SETPOINT, 42, target_system=SYSTEM), NOW_S).raw is None
-    assert scene.gate.application_spoke(frame("SET_ATTITUDE_TARGET", target_system=SYSTEM), NOW_S).raw is None
+    assert scene.gate.on_application_message(frame(SETPOINT, 42, target_system=SYSTEM), NOW_S).raw is None
+    assert scene.gate.on_application_message(frame("SET_ATTITUDE_TARGET", target_system=SYSTEM), NOW_S).raw is None
     assert scene.gate.counts == {"application: not on the list": 2}

@@ -8,15 +8,15 @@ from dataclasses import replace
 import pytest
 
 from companion.gate.faults import Fault, Stage
-from companion.gate.plan import Fence, Reaction
+from companion.gate.plan import Geofence, Reaction
 from companion.gate.protocol import Phase
 from tests.gate.built import BEAT, PLAN, Air, in_the_air, read, setpoint
 
 WRONG = [
     ({"vx": math.nan}, "not finite"),
     ({"yaw": math.inf}, "not finite"),
-    ({"vx": 0.6}, "0.60 m/s"),
-    ({"vx": 0.4, "vy": 0.4}, "0.57 m/s"),
+    ({"vx": 0.6}, "speed 0.60 m/s"),
+    ({"vx": 0.4, "vy": 0.4}, "speed 0.57 m/s"),
     ({"vz": -0.5}, "climb 0.50 m/s"),
     ({"yaw_rate": 0.7}, "yaw 0.70 rad/s"),
     ({"vx": 0.5}, "jumps by 0.40 m/s"),
@@ -38,11 +38,11 @@ def test_a_setpoint_that_breaks_a_limit_becomes_a_stop(changes: dict[str, float]
     assert [fields[name] for name in ("vx", "vy", "vz", "yaw_rate")] == [0.0] * 4
     assert (fields["target_system"], fields["coordinate_frame"], fields["type_mask"]) == (1, 8, 0x5C7)
     air.run(0.2)
-    assert f"setpoint {words}" in air.notices
+    assert f"setpoint rejected: {words}" in air.notices
     assert air.faults()[Fault.SETPOINT_BAD] == 1
     assert air.gate.counts["application: setpoint that broke a limit"] >= 1
     texts = [fields["text"] for _, name, fields in air.sent if name == "STATUSTEXT"]
-    assert f"gate: setpoint {words}" in texts
+    assert f"gate: setpoint rejected: {words}"[:50] in texts
     assert air.stage() is Stage.BRAKE
     assert air.ask(setpoint(**({"vx": 0.1} | changes))) is None, "the gate's own stops go out already"
     air.run(1.5)
@@ -68,7 +68,7 @@ def test_who_does_not_know_what_is_ahead_does_not_move() -> None:
     air = in_the_air()
     air.beat = replace(BEAT, ahead_m=math.nan)
     air.run(0.1)
-    assert "setpoint into the unknown" in air.notices
+    assert "setpoint rejected: path not observed" in air.notices
     assert air.ask(setpoint(yaw_rate=0.3)) is None
     air = in_the_air()
     air.beat = replace(BEAT, phase=Phase.CLIMBING)
@@ -81,7 +81,7 @@ def test_who_does_not_know_what_is_ahead_does_not_move() -> None:
     air = in_the_air()
     air.beat = replace(BEAT, phase=Phase.ENDING)
     air.run(0.1)
-    assert "setpoint in phase ending" in air.notices
+    assert "setpoint rejected: in phase ending" in air.notices
 
 
 def test_a_wall_that_comes_too_near_is_not_flown_into() -> None:
@@ -111,12 +111,12 @@ def test_a_wall_that_comes_too_near_is_not_flown_into() -> None:
 
 def test_the_fence_keeps_in_and_lets_back() -> None:
     """Protects the fence from both sides: nothing leads out of it, and from outside the way back is free."""
-    fenced = replace(PLAN, fence=Fence(north_m=(-50.0, 3.0), east_m=(-2.0, 2.0), down_m=(-2.5, 0.5), radius_m=60.0))
+    fenced = replace(PLAN, fence=Geofence(north_m=(-50.0, 3.0), east_m=(-2.0, 2.0), down_m=(-2.5, 0.5), radius_m=60.0))
     air = in_the_air(fenced)
     assert air.stage() is Stage.PASS
     air.position["x"] = 2.98
     air.run(1.5)
-    assert "setpoint over the fence" in air.notices
+    assert "setpoint rejected: leaves the geofence" in air.notices
     air.wanted = (-0.1, 0.0, 0.0, 0.0)
     air.run(1.5)
     assert air.stage() is Stage.PASS
@@ -126,7 +126,7 @@ def test_the_fence_keeps_in_and_lets_back() -> None:
     assert air.faults()[Fault.FENCE] == 1
     out = replace(
         PLAN,
-        fence=Fence(north_m=(-50.0, 3.0)),
+        fence=Geofence(north_m=(-50.0, 3.0)),
         reactions=PLAN.reactions
         | {Fault.FENCE: Reaction(Stage.PASS, None, None), Fault.POSE_JUMP: Reaction(Stage.PASS, None, None)},
     )
@@ -141,7 +141,7 @@ def test_the_fence_keeps_in_and_lets_back() -> None:
 
 def test_a_fence_without_a_place_or_a_heading_says_nothing_of_setpoints() -> None:
     """Protects the start: a vehicle that does not tell where it is is stopped for that, not for the fence."""
-    fenced = replace(PLAN, fence=Fence(radius_m=1.0))
+    fenced = replace(PLAN, fence=Geofence(radius_m=1.0))
     air = Air(fenced)
     air.positions = False
     air.heartbeat()

@@ -38,7 +38,7 @@ def test_which_commands_pass_at_which_stage(kind: AutopilotKind, stage: Stage) -
     may = {"disarm", "land", "land mode"}
     may |= {"arm", "take off", "offboard"} if stage is Stage.PASS else set()
     may |= {"hold"} if stage < Stage.LAND else set()
-    scene.gate._ladder.force(stage)
+    scene.gate._escalation.force(stage)
     assert {name for name, order in orders.items() if scene.passes(order)} == may
     pilots = {AutopilotKind.PX4: 3 << 16, AutopilotKind.ARDUPILOT: 5}[kind]
     scene.heartbeat(pilots)
@@ -50,9 +50,9 @@ def test_which_commands_pass_at_which_stage(kind: AutopilotKind, stage: Stage) -
 def test_while_the_gate_stops_no_setpoint_passes(stage: Stage) -> None:
     """Protects the stop from being overwritten, by good setpoints too."""
     scene = flying()
-    scene.gate._ladder.force(stage)
-    assert scene.gate.application_spoke(setpoint(), NOW_S).raw is None
-    assert scene.gate.application_spoke(setpoint(9.0), NOW_S).raw is None
+    scene.gate._escalation.force(stage)
+    assert scene.gate.on_application_message(setpoint(), NOW_S).raw is None
+    assert scene.gate.on_application_message(setpoint(9.0), NOW_S).raw is None
     assert scene.gate.counts == {
         "application: setpoint while the gate stops": 2,
         "application: setpoint that broke a limit": 1,
@@ -62,12 +62,12 @@ def test_while_the_gate_stops_no_setpoint_passes(stage: Stage) -> None:
 def test_hands_off_is_hands_off() -> None:
     """Protects the pilot, and an autopilot that may not hear: not even a stop goes out, and no fault is made of it."""
     scene = flying()
-    scene.gate.autopilot_spoke(frame("COMMAND_LONG", GROUND[1], GROUND[0], **ORDER), NOW_S)
+    scene.gate.on_autopilot_message(frame("COMMAND_LONG", GROUND[1], GROUND[0], **ORDER), NOW_S)
     assert 84 in scene.sent(NOW_S)
     texts_of(scene.gate)
-    assert scene.gate.application_spoke(setpoint(9.0), NOW_S + 0.75).raw is None
+    assert scene.gate.on_application_message(setpoint(9.0), NOW_S + 0.75).raw is None
     scene.heartbeat(3 << 16, NOW_S + 1.0)
-    assert scene.gate.application_spoke(setpoint(), NOW_S + 1.0).raw is None
+    assert scene.gate.on_application_message(setpoint(), NOW_S + 1.0).raw is None
     assert scene.gate.counts == {"application: setpoint, but hands are off": 2}
     assert texts_of(scene.gate) == []
     assert scene.sent(NOW_S + 1.0) == [0, 253]
@@ -76,8 +76,8 @@ def test_hands_off_is_hands_off() -> None:
 def test_after_a_flight_the_ladder_is_at_its_foot() -> None:
     """Protects the next flight from the stage, the faults and the patience of the last."""
     scene = flying()
-    scene.gate.autopilot_spoke(frame("COMMAND_LONG", GROUND[1], GROUND[0], **ORDER), NOW_S)
-    scene.gate._ladder.force(Stage.HOLD)
+    scene.gate.on_autopilot_message(frame("COMMAND_LONG", GROUND[1], GROUND[0], **ORDER), NOW_S)
+    scene.gate._escalation.force(Stage.HOLD)
     scene.gate.cycle(NOW_S)
     assert scene.patient_since_s() == NOW_S
     assert scene.stage() is Stage.HOLD
@@ -88,7 +88,7 @@ def test_after_a_flight_the_ladder_is_at_its_foot() -> None:
     scene.gate.cycle(NOW_S)
     assert scene.stage() is Stage.PASS
     assert scene.patient_since_s() is None
-    assert not scene.gate._ladder.counting
+    assert not scene.gate._escalation.counting
 
 
 @pytest.mark.parametrize(
@@ -111,6 +111,6 @@ def test_a_landing_stays_due_when_the_application_ends_its_flight_in_a_hold(
         scene.heartbeat(shown, now_s)
         scene.at(now_s, x=1e-3 * (quarter % 3))
         scene.beat(Phase.EXPLORING if blind else after, now_s, depth_age_s=9.0 if blind else 0.0)
-        scene.gate.application_spoke(setpoint(), now_s)
+        scene.gate.on_application_message(setpoint(), now_s)
         scene.gate.cycle(now_s)
     assert scene.stage() is stage

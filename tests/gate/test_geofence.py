@@ -7,14 +7,14 @@ import math
 import pytest
 
 from companion.gate.geofence import excess_m
-from companion.gate.plan import Fence
+from companion.gate.plan import Geofence
 
-BOX = Fence(north_m=(-8.0, 4.0), east_m=(-2.0, 1.0), down_m=(-3.0, 0.5))
+BOX = Geofence(north_m=(-8.0, 4.0), east_m=(-2.0, 1.0), down_m=(-3.0, 0.5))
 
 
 def test_nothing_fenced_is_everywhere_inside() -> None:
     """Protects flights without a fence."""
-    assert excess_m(Fence(), 1e6, -1e6, 1e6) == -math.inf
+    assert excess_m(Geofence(), 1e6, -1e6, 1e6) == -math.inf
 
 
 @pytest.mark.parametrize(
@@ -38,8 +38,8 @@ def test_each_side_of_the_box(place_m: tuple[float, float, float], expected_m: f
 
 def test_the_radius_is_about_the_origin_and_in_the_plane() -> None:
     """Protects the cylinder: height does not count, and both directions do."""
-    round_m = Fence(radius_m=5.0)
+    round_m = Geofence(radius_m=5.0)
     assert excess_m(round_m, 3.0, 4.0, -100.0) == 0.0
     assert excess_m(round_m, -6.0, 8.0, 0.0) == 5.0
     assert excess_m(round_m, 0.0, 0.0, 0.0) == -5.0
-    assert excess_m(Fence(north_m=(-8.0, 4.0), radius_m=5.0), 0.0, 7.0, 0.0) == 2.0
+    assert excess_m(Geofence(north_m=(-8.0, 4.0), radius_m=5.0), 0.0, 7.0, 0.0) == 2.0

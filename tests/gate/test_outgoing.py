@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from companion.gate.faults import Fault, Stage
-from companion.gate.outgoing import Voice
+from companion.gate.outgoing import Outgoing
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.modes import personality
 from tests.gate.built import read
@@ -34,7 +34,7 @@ def said(raw: bytes) -> tuple[int, dict[str, Any]]:
 )
 def test_its_heartbeat_says_what_it_does(stage: Stage, airborne: bool, status: int) -> None:
     """Protects what a ground station shows; and it must be taken neither for an autopilot nor for a vehicle."""
-    (raw,) = Voice(SYSTEM).due(stage, airborne, 0.0)
+    (raw,) = Outgoing(SYSTEM).due(stage, airborne, 0.0)
     number, fields = said(raw)
     assert number == 0
     assert (fields["type"], fields["autopilot"], fields["system_status"]) == (18, 8, status)
@@ -43,21 +43,21 @@ def test_its_heartbeat_says_what_it_does(stage: Stage, airborne: bool, status: i
 
 def test_a_heartbeat_comes_each_second() -> None:
     """Protects the link from more, and whoever waits for it from less."""
-    voice = Voice(SYSTEM)
-    sent = [now_s for now_s in (5.0, 5.0, 5.9375, 6.0, 6.25, 6.9375, 7.25) if voice.due(Stage.PASS, False, now_s)]
+    outgoing = Outgoing(SYSTEM)
+    sent = [now_s for now_s in (5.0, 5.0, 5.9375, 6.0, 6.25, 6.9375, 7.25) if outgoing.due(Stage.PASS, False, now_s)]
     assert sent == [5.0, 6.0, 7.25]
 
 
 def test_texts_go_out_in_order_two_a_second_and_the_newest_eight_wait() -> None:
     """Protects the pilot's view: the link is narrow, the newest counts, none is cut by the autopilot."""
-    voice = Voice(SYSTEM)
-    voice.due(Stage.PASS, False, 0.0)
+    outgoing = Outgoing(SYSTEM)
+    outgoing.due(Stage.PASS, False, 0.0)
     for i in range(10):
-        voice.say(f"{i} " + "x" * 60)
+        outgoing.say(f"{i} " + "x" * 60)
     texts = {}
     for sixteenth in range(1, 100):
         now_s = sixteenth / 16
-        for raw in voice.due(Stage.PASS, False, now_s):
+        for raw in outgoing.due(Stage.PASS, False, now_s):
             number, fields = said(raw)
             if number == 253:
                 assert fields["severity"] == 4
@@ -68,21 +68,21 @@ def test_texts_go_out_in_order_two_a_second_and_the_newest_eight_wait() -> None:
 
 def test_the_log_and_the_application_are_told_all_of_it() -> None:
     """Protects the record of a flight: texts and notices, in order, whole; bounded when nobody takes them."""
-    voice = Voice(SYSTEM)
-    voice.say("to all " + "x" * 60, Fault.MAP)
-    voice.note("not to the pilot")
-    assert voice.take_notices() == [(Fault.MAP, "to all " + "x" * 60), (None, "not to the pilot")]
-    assert voice.take_notices() == []
+    outgoing = Outgoing(SYSTEM)
+    outgoing.say("to all " + "x" * 60, Fault.MAP)
+    outgoing.note("not to the pilot")
+    assert outgoing.drain_notices() == [(Fault.MAP, "to all " + "x" * 60), (None, "not to the pilot")]
+    assert outgoing.drain_notices() == []
     for i in range(70):
-        voice.note(str(i))
-    assert voice.take_notices() == [(None, str(i)) for i in range(6, 70)]
-    sent = [said(raw) for raw in voice.due(Stage.PASS, False, 0.0)]
+        outgoing.note(str(i))
+    assert outgoing.drain_notices() == [(None, str(i)) for i in range(6, 70)]
+    sent = [said(raw) for raw in outgoing.due(Stage.PASS, False, 0.0)]
     assert [number for number, _ in sent] == [0, 253]
 
 
 def test_a_stop_is_a_setpoint_of_nothing() -> None:
     """Protects the one message that everything rests on: for our autopilot, velocity alone, all of it zero."""
-    number, fields = said(Voice(SYSTEM).stop(4_294_969.5))
+    number, fields = said(Outgoing(SYSTEM).stop(4_294_969.5))
     assert number == 84
     assert fields.pop("time_boot_ms") == 2204, "wraps round after 49 days"
     assert fields.pop("target_system") == SYSTEM
@@ -99,7 +99,7 @@ def test_a_mode_is_asked_for_in_the_autopilots_own_numbers(
 ) -> None:
     """Protects the second stage; what is remembered of it is what was sent."""
     ours = personality(kind)
-    raw, remembered = Voice(SYSTEM).mode(ours, ours.hold)
+    raw, remembered = Outgoing(SYSTEM).mode(ours, ours.hold)
     number, fields = said(raw)
     assert (number, fields["command"], fields["confirmation"]) == (76, 176, 0)
     assert (fields["target_system"], fields["target_component"]) == (SYSTEM, 1)
@@ -110,7 +110,7 @@ def test_a_mode_is_asked_for_in_the_autopilots_own_numbers(
 @pytest.mark.parametrize("result", [0, 1])
 def test_who_ordered_is_answered(result: int) -> None:
     """Protects whoever gave the command from sending it again and again."""
-    number, fields = said(Voice(SYSTEM).acknowledge(193, result, 255, 190))
+    number, fields = said(Outgoing(SYSTEM).acknowledge(193, result, 255, 190))
     assert number == 77
     assert (fields["command"], fields["result"]) == (193, result)
     assert (fields["target_system"], fields["target_component"]) == (255, 190)

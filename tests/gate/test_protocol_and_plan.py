@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.gate.faults import Fault, Stage
-from companion.gate.plan import Attached, Fence, Plan, Signing
+from companion.gate.plan import Attached, Geofence, Plan, Signing
 from companion.gate.protocol import PACKET_BYTES, Beat, Goodbye, Notice, Phase, is_mavlink, unpacked
 from tests.gate.built import BEAT, PLAN
 
@@ -96,7 +96,7 @@ def test_the_last_word_carries_the_exit_code() -> None:
 
 FULL = replace(
     PLAN,
-    fence=Fence((-1.0, 2.0), None, (-3.0, 0.5), 7.5),
+    fence=Geofence((-1.0, 2.0), None, (-3.0, 0.5), 7.5),
     attached=(Attached("udpout://192.168.1.2:14550", "read"),),
     signing=Signing("/etc/companion/key", 3),
     inherit=(5, 6),

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from companion.gate.plan import Limits
-from companion.gate.setpoint_limits import LONGEST_S, SLACK_MPS, UNUSED, Asked, beyond, read
+from companion.gate.setpoint_limits import LONGEST_S, SLACK_MPS, UNUSED, Unreadable, VelocitySetpoint, beyond, read
 
 LIMITS = Limits(speed_mps=2.0, climb_mps=1.5, yaw_rate_radps=0.5, accel_mps2=2.0)
 PERIOD_S = 0.125
@@ -25,17 +25,19 @@ FIELDS: dict[str, Any] = {
 } | dict.fromkeys(UNUSED, 0.0)
 
 
-def asked(vx: float = 0.0, vy: float = 0.0, vz: float = 0.0, yaw_rate: float = 0.0, t_s: float = 10.0) -> Asked:
-    return Asked(t_s, vx, vy, vz, yaw_rate)
+def asked(
+    vx: float = 0.0, vy: float = 0.0, vz: float = 0.0, yaw_rate: float = 0.0, t_s: float = 10.0
+) -> VelocitySetpoint:
+    return VelocitySetpoint(t_s, vx, vy, vz, yaw_rate)
 
 
-def why_not(new: Asked, before: Asked | None) -> str | None:
+def why_not(new: VelocitySetpoint, before: VelocitySetpoint | None) -> str | None:
     return beyond(new, before, LIMITS, PERIOD_S)
 
 
 def test_a_setpoint_is_read_as_it_is() -> None:
     """Protects the axes from being mixed up, and the time."""
-    assert read(FIELDS, 3, 7.5) == Asked(7.5, 0.1, 0.2, 0.3, 0.4)
+    assert read(FIELDS, 3, 7.5) == VelocitySetpoint(7.5, 0.1, 0.2, 0.3, 0.4)
 
 
 @pytest.mark.parametrize(
@@ -51,11 +53,11 @@ def test_a_setpoint_is_read_as_it_is() -> None:
 )
 def test_what_cannot_be_meant_is_said(changes: dict[str, float], words: str) -> None:
     """Protects against a setpoint for somebody else, in another frame, or with a number that is none, in any field."""
-    assert read(FIELDS | changes, 3, 7.5) == words
+    assert read(FIELDS | changes, 3, 7.5) == Unreadable(words)
 
 
 @pytest.mark.parametrize("moved", [asked(0.1), asked(0.0, -0.1), asked(0.0, 0.0, 0.1), asked(yaw_rate=-0.1)])
-def test_any_movement_is_movement(moved: Asked) -> None:
+def test_any_movement_is_movement(moved: VelocitySetpoint) -> None:
     """Protects the rule that only a standstill passes without a look ahead."""
     assert not moved.stands_still
     assert asked().stands_still
@@ -73,8 +75,8 @@ BEFORE = asked(1.875, 0.0, 1.375, 0.5, t_s=9.75)
     ("new", "before", "words"),
     [
         (asked(2.0), BEFORE, None),
-        (asked(2.01), BEFORE, "2.01 m/s"),
-        (asked(-1.2, 1.7), asked(-1.2, 1.7), "2.08 m/s"),
+        (asked(2.01), BEFORE, "speed 2.01 m/s"),
+        (asked(-1.2, 1.7), asked(-1.2, 1.7), "speed 2.08 m/s"),
         (asked(vz=1.5), BEFORE, None),
         (asked(vz=1.51), BEFORE, "climb 1.51 m/s"),
         (asked(vz=-1.51), asked(vz=-1.5), "climb 1.51 m/s"),
@@ -83,7 +85,7 @@ BEFORE = asked(1.875, 0.0, 1.375, 0.5, t_s=9.75)
         (asked(yaw_rate=-0.51), BEFORE, "yaw 0.51 rad/s"),
     ],
 )
-def test_limits_are_kept_and_may_be_used(new: Asked, before: Asked, words: str | None) -> None:
+def test_limits_are_kept_and_may_be_used(new: VelocitySetpoint, before: VelocitySetpoint, words: str | None) -> None:
     """Protects each limit from both sides: at it passes, above it does not, whichever the direction."""
     assert why_not(new, before) == words
 

@@ -20,16 +20,16 @@ NUMBER = {AutopilotKind.PX4: 12, AutopilotKind.ARDUPILOT: 3}
 
 def heartbeat(vehicle: Vehicle, mode: int, now_s: float, *, armed: bool = True, autopilot: int = 12) -> None:
     fields = {"autopilot": autopilot, "base_mode": 128 | 1 if armed else 127, "custom_mode": mode}
-    vehicle.spoke("HEARTBEAT", fields, now_s)
+    vehicle.on_message("HEARTBEAT", fields, now_s)
 
 
 def mode(vehicle: Vehicle, number: int, component: int = APPLICATION) -> None:
     _, main, sub = vehicle.personality.set_mode_parameters(number)
-    vehicle.told(176, {"param2": main, "param3": sub}, component)
+    vehicle.on_command_sent(176, {"param2": main, "param3": sub}, component)
 
 
 def acknowledge(vehicle: Vehicle, command: int, result: int, now_s: float, component: int = APPLICATION) -> None:
-    vehicle.spoke("COMMAND_ACK", {"command": command, "result": result, "target_component": component}, now_s)
+    vehicle.on_message("COMMAND_ACK", {"command": command, "result": result, "target_component": component}, now_s)
 
 
 def is_armed(vehicle: Vehicle) -> bool:
@@ -48,7 +48,7 @@ def ours(at: int = PX4.offboard) -> Vehicle:
     """Armed by the application, in a mode that it asked for."""
     vehicle = Vehicle(0.5)
     heartbeat(vehicle, PX4.hold, 1.0, armed=False)
-    vehicle.told(400, {"param1": 1.0}, APPLICATION)
+    vehicle.on_command_sent(400, {"param1": 1.0}, APPLICATION)
     heartbeat(vehicle, PX4.hold, 2.0)
     mode(vehicle, at)
     heartbeat(vehicle, at, 3.0)
@@ -65,18 +65,18 @@ def test_nothing_is_believed_before_it_is_said() -> None:
     assert (vehicle.armed, vehicle.airborne, vehicle.taken_over, vehicle.shown_mode) == (False, False, None, None)
     assert vehicle.asked_modes == frozenset()
     assert vehicle.personality is PX4
-    assert not vehicle.obeys(PX4.hold)
+    assert not vehicle.confirms(PX4.hold)
 
 
 def test_anything_is_a_sign_of_life_but_only_a_heartbeat_is_a_heartbeat() -> None:
     """Protects the two times apart: a link that lives, and an autopilot that does."""
     vehicle = Vehicle(0.5)
-    vehicle.spoke(None, {}, 5.0)
+    vehicle.on_message(None, {}, 5.0)
     assert (vehicle.heard_s, vehicle.heartbeat_s) == (5.0, -math.inf)
     heartbeat(vehicle, POSITION, 6.0, armed=False)
     assert (vehicle.heard_s, vehicle.heartbeat_s) == (6.0, 6.0)
     assert (vehicle.shown_mode, vehicle.armed) == (POSITION, False)
-    vehicle.spoke("SYSTEM_TIME", {}, 7.0)
+    vehicle.on_message("SYSTEM_TIME", {}, 7.0)
     assert (vehicle.heard_s, vehicle.heartbeat_s) == (7.0, 6.0)
     heartbeat(vehicle, POSITION, 8.0)
     assert is_armed(vehicle)
@@ -87,7 +87,7 @@ def test_anything_is_a_sign_of_life_but_only_a_heartbeat_is_a_heartbeat() -> Non
 def test_the_first_firmware_that_we_know_is_the_firmware(first: int, later: int) -> None:
     """Protects against other components' heartbeats with the vehicle's number."""
     vehicle = Vehicle(0.5)
-    vehicle.told(21, {}, APPLICATION)
+    vehicle.on_command_sent(21, {}, APPLICATION)
     heartbeat(vehicle, 1, 1.0, autopilot=8)
     assert (vehicle.kind, vehicle.heartbeat_s) == (None, -math.inf)
     assert vehicle.asked_modes == {PX4.land}, "nor forgets it for their sake what was asked for"
@@ -115,7 +115,7 @@ def test_an_accepted_arming_counts_until_a_heartbeat_could_know_of_it(result: in
     heartbeat(vehicle, PX4.hold, 9.0, armed=False)
     acknowledge(vehicle, 400, 0, 9.5)
     assert not is_armed(vehicle), "nobody of ours asked for it"
-    vehicle.told(400, {"param1": 1.0}, APPLICATION)
+    vehicle.on_command_sent(400, {"param1": 1.0}, APPLICATION)
     acknowledge(vehicle, 22, 0, 9.75)
     assert not is_armed(vehicle), "another command"
     acknowledge(vehicle, 400, result, 10.0)
@@ -129,7 +129,7 @@ def test_an_accepted_arming_counts_until_a_heartbeat_could_know_of_it(result: in
 def test_a_heartbeat_knows_of_the_arming_from_its_own_moment_on() -> None:
     """Protects the end of that first second; and a refusal means no arming at any time, also of a clock at zero."""
     vehicle = Vehicle(0.5)
-    vehicle.told(400, {"param1": 1.0}, APPLICATION)
+    vehicle.on_command_sent(400, {"param1": 1.0}, APPLICATION)
     acknowledge(vehicle, 400, 0, 0.0)
     heartbeat(vehicle, PX4.hold, 1.1875, armed=False)
     assert is_armed(vehicle)
@@ -137,7 +137,7 @@ def test_a_heartbeat_knows_of_the_arming_from_its_own_moment_on() -> None:
     assert not is_armed(vehicle)
     refused = Vehicle(0.5)
     heartbeat(refused, PX4.hold, 0.5, armed=False)
-    refused.told(400, {"param1": 1.0}, APPLICATION)
+    refused.on_command_sent(400, {"param1": 1.0}, APPLICATION)
     acknowledge(refused, 400, 4, 0.625)
     assert not is_armed(refused)
 
@@ -146,7 +146,7 @@ def test_an_arming_that_is_refused_later_is_refused() -> None:
     """Protects the ground: "in progress" first, and then no."""
     vehicle = Vehicle(0.5)
     heartbeat(vehicle, PX4.hold, 9.0, armed=False)
-    vehicle.told(400, {"param1": 1.0}, APPLICATION)
+    vehicle.on_command_sent(400, {"param1": 1.0}, APPLICATION)
     acknowledge(vehicle, 400, 5, 10.0)
     acknowledge(vehicle, 400, 4, 10.5)
     assert not is_armed(vehicle)
@@ -165,12 +165,12 @@ def test_only_to_arm_is_to_arm(param1: float) -> None:
     """Protects against taking a disarming for the beginning of a flight; after an arming it does not undo it."""
     vehicle = Vehicle(0.5)
     heartbeat(vehicle, PX4.hold, 1.0)
-    vehicle.told(400, {"param1": param1}, APPLICATION)
+    vehicle.on_command_sent(400, {"param1": param1}, APPLICATION)
     assert not is_airborne(vehicle)
-    vehicle.told(400, {"param1": 1.0}, APPLICATION)
-    vehicle.told(400, {"param1": param1}, APPLICATION)
+    vehicle.on_command_sent(400, {"param1": 1.0}, APPLICATION)
+    vehicle.on_command_sent(400, {"param1": param1}, APPLICATION)
     assert is_airborne(vehicle), "until a heartbeat says that it was obeyed"
-    vehicle.land_here()
+    vehicle.end_flight()
     assert not is_airborne(vehicle)
     assert is_armed(vehicle)
 
@@ -179,36 +179,36 @@ def test_what_was_accepted_for_the_last_flight_arms_nothing_in_the_next() -> Non
     """Protects the ground between two flights."""
     vehicle = Vehicle(0.5)
     heartbeat(vehicle, PX4.hold, 9.0, armed=False)
-    vehicle.told(400, {"param1": 1.0}, APPLICATION)
+    vehicle.on_command_sent(400, {"param1": 1.0}, APPLICATION)
     acknowledge(vehicle, 400, 0, 10.0)
-    vehicle.land_here()
+    vehicle.end_flight()
     assert not is_armed(vehicle)
 
 
 def test_a_mode_is_obeyed_when_it_shows_after_it_was_asked_for() -> None:
     """Protects against taking a mode from before for an answer."""
     vehicle = ours()
-    assert vehicle.obeys(PX4.offboard)
-    assert not vehicle.obeys(PX4.hold)
+    assert vehicle.confirms(PX4.offboard)
+    assert not vehicle.confirms(PX4.hold)
     mode(vehicle, PX4.offboard)
-    assert not vehicle.obeys(PX4.offboard), "asked for again: what shows is older"
+    assert not vehicle.confirms(PX4.offboard), "asked for again: what shows is older"
     heartbeat(vehicle, PX4.offboard, 4.0)
-    assert vehicle.obeys(PX4.offboard)
+    assert vehicle.confirms(PX4.offboard)
     mode(vehicle, PX4.hold)
     assert vehicle.asked_modes == {PX4.hold}
     heartbeat(vehicle, PX4.offboard, 5.0)
-    assert not vehicle.obeys(PX4.hold)
+    assert not vehicle.confirms(PX4.hold)
     heartbeat(vehicle, PX4.hold, 6.0)
-    assert vehicle.obeys(PX4.hold)
-    assert not vehicle.obeys(PX4.offboard)
-    vehicle.told(22, {}, APPLICATION)
+    assert vehicle.confirms(PX4.hold)
+    assert not vehicle.confirms(PX4.offboard)
+    vehicle.on_command_sent(22, {}, APPLICATION)
     heartbeat(vehicle, PX4.hold, 7.0)
     assert vehicle.asked_modes == PX4.taking_off
-    assert not vehicle.obeys(PX4.hold), "in the take-off it is one of two"
+    assert not vehicle.confirms(PX4.hold), "in the take-off it is one of two"
     mode(vehicle, PX4.hold)
     heartbeat(vehicle, PX4.hold, 8.0)
     heartbeat(vehicle, POSITION, 9.0)
-    assert not vehicle.obeys(PX4.hold), "no longer"
+    assert not vehicle.confirms(PX4.hold), "no longer"
 
 
 @pytest.mark.parametrize("order", [21, 176])
@@ -216,7 +216,7 @@ def test_a_landing_of_ours_ends_disarmed_and_passes_through_hold(order: int) -> 
     """Protects the end of each flight from being taken for a takeover, by NAV_LAND or by the mode."""
     vehicle = ours()
     if order == 21:
-        vehicle.told(21, {}, APPLICATION)
+        vehicle.on_command_sent(21, {}, APPLICATION)
     else:
         mode(vehicle, PX4.land)
     assert vehicle.asked_modes == {PX4.land}
@@ -280,22 +280,22 @@ def test_only_the_newest_request_can_be_refused(refused: int) -> None:
 def test_a_mode_that_is_no_number_is_not_asked_for() -> None:
     """Protects what was asked for before."""
     vehicle = ours()
-    vehicle.told(176, {"param2": math.nan, "param3": 0.0}, APPLICATION)
+    vehicle.on_command_sent(176, {"param2": math.nan, "param3": 0.0}, APPLICATION)
     assert vehicle.asked_modes == {PX4.offboard}
 
 
 def test_a_new_application_knows_what_shows_and_has_asked_for_nothing() -> None:
     """Protects it from the requests of the last one, and the gate from forgetting that something is armed."""
     vehicle = ours()
-    vehicle.begin()
+    vehicle.reset()
     assert (vehicle.shown_mode, vehicle.armed, vehicle.airborne) == (PX4.offboard, True, False)
     assert vehicle.asked_modes == frozenset()
     mode(vehicle, PX4.land, GATE)
     acknowledge(vehicle, 176, 4, 4.0)
     assert vehicle.asked_modes == {PX4.land}, "a refusal of what the last one asked for"
     heartbeat(vehicle, PX4.land, 5.0)
-    vehicle.begin()
-    vehicle.told(400, {"param1": 1.0}, APPLICATION)
+    vehicle.reset()
+    vehicle.on_command_sent(400, {"param1": 1.0}, APPLICATION)
     assert is_airborne(vehicle)
 
 
@@ -305,7 +305,7 @@ def test_a_new_application_judges_by_the_same_firmware() -> None:
     heartbeat(vehicle, 4, 1.0, autopilot=3)
     mode(vehicle, 4)
     heartbeat(vehicle, 5, 2.0, autopilot=3)
-    vehicle.begin()
+    vehicle.reset()
     assert vehicle.taken_over is None
     mode(vehicle, 4)
     heartbeat(vehicle, 16, 3.0, autopilot=3)
@@ -316,8 +316,8 @@ def test_a_new_application_judges_by_the_same_firmware() -> None:
 def test_a_battery_says_a_percentage_or_nothing(said: int, percent: int | None) -> None:
     """Protects against an unknown charge being taken for an empty one; and it forgets what it knew."""
     vehicle = Vehicle(0.5)
-    vehicle.spoke("SYS_STATUS", {"battery_remaining": 50}, 1.0)
-    vehicle.spoke("SYS_STATUS", {"battery_remaining": said}, 2.0)
+    vehicle.on_message("SYS_STATUS", {"battery_remaining": 50}, 1.0)
+    vehicle.on_message("SYS_STATUS", {"battery_remaining": said}, 2.0)
     assert vehicle.battery_percent == percent
 
 
@@ -329,17 +329,17 @@ def test_each_firmware_speaks_of_its_estimator_in_its_own_message(autopilot: int
     """Protects from flags that mean something else."""
     good: dict[str, Any] = {"flags": 0x1F}
     vehicle = Vehicle(0.5)
-    vehicle.spoke(name, good, 1.0)
+    vehicle.on_message(name, good, 1.0)
     assert estimates(vehicle) is None, "nobody knows yet what they mean"
     heartbeat(vehicle, 4, 1.5, autopilot=autopilot)
-    vehicle.spoke(other, good, 2.0)
+    vehicle.on_message(other, good, 2.0)
     assert estimates(vehicle) is None
-    vehicle.spoke(name, good, 3.0)
+    vehicle.on_message(name, good, 3.0)
     assert estimates(vehicle) is True
-    vehicle.spoke(name, {"flags": 0x1E}, 4.0)
+    vehicle.on_message(name, {"flags": 0x1E}, 4.0)
     assert estimates(vehicle) is False
     # ArduPilot: not initialized. PX4: a GPS glitch.
-    vehicle.spoke(name, {"flags": 0x1F | 1024}, 5.0)
+    vehicle.on_message(name, {"flags": 0x1F | 1024}, 5.0)
     assert estimates(vehicle) is (autopilot == 12)
 
 
@@ -347,11 +347,11 @@ def test_positions_are_believed_by_whether_it_is_armed() -> None:
     """Protects against an autopilot's restart in the air, which no position can explain away."""
     still = dict.fromkeys(("x", "y", "z", "vx", "vy", "vz"), 0.0)
     vehicle = ours()
-    vehicle.spoke("LOCAL_POSITION_NED", still | {"time_boot_ms": 9e3}, 4.0)
-    vehicle.spoke("ATTITUDE", {"yaw": math.pi}, 4.0)
+    vehicle.on_message("LOCAL_POSITION_NED", still | {"time_boot_ms": 9e3}, 4.0)
+    vehicle.on_message("ATTITUDE", {"yaw": math.pi}, 4.0)
     assert vehicle.motion.after(1.0, 0.0, 0.0) == pytest.approx((-1.0, 0.0, 0.0))
-    vehicle.spoke("LOCAL_POSITION_NED", still | {"time_boot_ms": 1e3}, 5.0)
+    vehicle.on_message("LOCAL_POSITION_NED", still | {"time_boot_ms": 1e3}, 5.0)
     assert vehicle.motion.fresh_s == 4.0
     heartbeat(vehicle, PX4.offboard, 6.0, armed=False)
-    vehicle.spoke("LOCAL_POSITION_NED", still | {"time_boot_ms": 1e3}, 7.0)
+    vehicle.on_message("LOCAL_POSITION_NED", still | {"time_boot_ms": 1e3}, 7.0)
     assert vehicle.motion.fresh_s == 7.0

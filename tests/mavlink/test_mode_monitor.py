@@ -5,15 +5,15 @@ from __future__ import annotations
 import pytest
 
 from companion.mavlink.firmware import AutopilotKind
-from companion.mavlink.mode_monitor import DISARMED, ModeWatch
+from companion.mavlink.mode_monitor import DISARMED, ModeMonitor
 from companion.mavlink.modes import px4_mode
 
 HOLD, OFFBOARD, LAND, POSITION = px4_mode(4, 3), px4_mode(6), px4_mode(4, 6), px4_mode(3)
 
 
-def engaged() -> ModeWatch:
+def engaged() -> ModeMonitor:
     """Armed, in offboard, as asked for."""
-    watch = ModeWatch(AutopilotKind.PX4)
+    watch = ModeMonitor(AutopilotKind.PX4)
     watch.heartbeat(HOLD, True, 1.0)
     watch.ask(frozenset({OFFBOARD}))
     watch.heartbeat(OFFBOARD, True, 2.0)
@@ -21,7 +21,7 @@ def engaged() -> ModeWatch:
 
 
 def test_nothing_is_taken_over_before_anything_was_asked_for() -> None:
-    watch = ModeWatch(AutopilotKind.PX4)
+    watch = ModeMonitor(AutopilotKind.PX4)
     watch.heartbeat(POSITION, True, 1.0)
     watch.heartbeat(HOLD, False, 2.0)
     assert watch.taken_over is None
@@ -29,7 +29,7 @@ def test_nothing_is_taken_over_before_anything_was_asked_for() -> None:
 
 def test_the_mode_before_may_show_until_ours_does() -> None:
     """Heartbeats are up to 1 s late: the old mode in one of them is no pilot."""
-    watch = ModeWatch(AutopilotKind.PX4)
+    watch = ModeMonitor(AutopilotKind.PX4)
     watch.heartbeat(HOLD, True, 1.0)
     watch.ask(frozenset({OFFBOARD}))
     watch.heartbeat(HOLD, True, 2.0)
@@ -41,7 +41,7 @@ def test_the_mode_before_may_show_until_ours_does() -> None:
 
 
 def test_a_third_mode_is_somebody_elses_even_while_ours_has_not_shown() -> None:
-    watch = ModeWatch(AutopilotKind.PX4)
+    watch = ModeMonitor(AutopilotKind.PX4)
     watch.heartbeat(HOLD, True, 1.0)
     watch.ask(frozenset({OFFBOARD}))
     watch.heartbeat(POSITION, True, 1.5)
@@ -79,7 +79,7 @@ def test_disarming_after_our_landing_is_what_was_asked_for() -> None:
 
 
 def test_the_first_heartbeat_after_arming_may_still_say_disarmed() -> None:
-    watch = ModeWatch(AutopilotKind.PX4)
+    watch = ModeMonitor(AutopilotKind.PX4)
     watch.heartbeat(HOLD, False, 1.0)
     watch.ask(frozenset({HOLD}))
     watch.heartbeat(HOLD, False, 2.0)

@@ -13,7 +13,7 @@ import socket
 from collections.abc import Sequence
 
 from companion.gate.protocol import GATE_FD, PACKET_BYTES, Notice, is_mavlink
-from companion.gate.runtime.framing import Inflow
+from companion.gate.runtime.framing import FrameReader
 from companion.gate.runtime.processes import spawn
 from companion.gate.runtime.systemd import VARIABLES
 from companion.mavlink.codec import Frame
@@ -36,7 +36,7 @@ class Child:
     Attributes:
         pid: of the process, which is a child, or a zombie, until `companion.gate.runtime.processes.deaths`.
         silent: whether the child has closed its end.
-        inflow: counts what came and was no message.
+        reader: counts what came and was no message.
         unsent: packets that it did not take.
 
     Raises:
@@ -46,7 +46,7 @@ class Child:
     def __init__(self, command: Sequence[str], inherit: Sequence[int], nice: int) -> None:
         self.silent = False
         self.unsent = 0
-        self.inflow = Inflow(None, datagram=True)
+        self.reader = FrameReader(None, datagram=True)
         with contextlib.ExitStack() as undo:
             self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
             with theirs:
@@ -79,7 +79,7 @@ class Child:
             except OSError:
                 data = b""
             if is_mavlink(data):
-                found += self.inflow.frames(data)
+                found += self.reader.frames(data)
             elif data:
                 found.append(data)
             self.silent = not data

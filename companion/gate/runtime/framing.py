@@ -19,7 +19,7 @@ Accept = Callable[[Frame], Frame | None]
 """Gives the message as it is passed on; None refuses it."""
 
 
-class Inflow:
+class FrameReader:
     """What came in, as messages.
 
     Args:
@@ -57,7 +57,7 @@ class Inflow:
         return accepted
 
 
-class Outflow:
+class FrameWriter:
     """Whole messages into a stream that may take a part of what it is given.
 
     A stream keeps what it cannot send yet, and sends it later: a setpoint would arrive when it is no longer true. So
@@ -100,7 +100,7 @@ class Outflow:
         return True
 
 
-class Redial:
+class Reconnect:
     """When to try again: at once, and then once a second."""
 
     def __init__(self) -> None:

@@ -16,11 +16,11 @@ from companion.gate.gate import Gate
 from companion.gate.plan import CYCLE_S, Attached, Plan
 from companion.gate.runtime.framing import batches
 from companion.gate.runtime.log import Log
-from companion.gate.runtime.selector import Doors
+from companion.gate.runtime.selector import Selector
 from companion.gate.runtime.signals import Signals
-from companion.gate.runtime.supervisor import Keeper
-from companion.gate.runtime.systemd import Notifier
-from companion.gate.runtime.transports import Wire
+from companion.gate.runtime.supervisor import Supervisor
+from companion.gate.runtime.systemd import ServiceManager
+from companion.gate.runtime.transports import Transport
 from companion.mavlink.codec import MAVLINK_2, NAMES, Frame, decode
 from companion.mavlink.ids import MavComponent
 from companion.mavlink.signing import Signer
@@ -33,7 +33,7 @@ CATCH_UP = 64
 SHOWN = frozenset({"HEARTBEAT", "STATUSTEXT", "NAMED_VALUE_FLOAT", "COMMAND_ACK"})
 """What the application says to everybody: who is attached hears it too."""
 
-_APPLICATION, _AUTOPILOT, _BELL, _ATTACHED = range(4)
+_APPLICATION, _AUTOPILOT, _SIGNAL, _ATTACHED = range(4)
 
 
 class Loop:
@@ -42,7 +42,7 @@ class Loop:
     Args:
         plan: everything it is told.
         gate: decides.
-        keeper: of the application, which was started.
+        supervisor: of the application, which was started.
         autopilot: the link to it.
         signer: signs what goes there; None: nobody does.
         attached: who else, and their links.
@@ -60,19 +60,19 @@ class Loop:
         self,
         plan: Plan,
         gate: Gate,
-        keeper: Keeper,
-        autopilot: Wire,
+        supervisor: Supervisor,
+        autopilot: Transport,
         signer: Signer | None,
-        attached: list[tuple[Attached, Wire]],
+        attached: list[tuple[Attached, Transport]],
         signals: Signals,
-        notifier: Notifier,
+        notifier: ServiceManager,
         log: Log,
         clock: Callable[[], float],
     ) -> None:
         self.unsigned = self.stale = 0
         self._plan = plan
         self._gate = gate
-        self._keeper = keeper
+        self._supervisor = supervisor
         self._autopilot = autopilot
         self._signer = signer
         self._attached = attached
@@ -80,14 +80,14 @@ class Loop:
         self._notifier = notifier
         self._log = log
         self._clock = clock
-        self._doors = Doors()
-        self._doors.follow(_BELL, signals.wake.fileno(), self._hear_the_bell)
+        self._selector = Selector()
+        self._selector.follow(_SIGNAL, signals.wake.fileno(), self._on_signal)
         # A wire's rank, and who is called when something is there.
-        self._wires = [(_AUTOPILOT, autopilot, self._from_autopilot)] + [
-            (_ATTACHED + number, wire, functools.partial(self._from_attached, number))
-            for number, (_, wire) in enumerate(attached)
+        self._transports = [(_AUTOPILOT, autopilot, self._from_autopilot)] + [
+            (_ATTACHED + number, transport, functools.partial(self._from_attached, number))
+            for number, (_, transport) in enumerate(attached)
         ]
-        self._problems = [""] * len(self._wires)
+        self._problems = [""] * len(self._transports)
         self._is_ready = False
         self._told_stage: str | None = None
         self._heard_s = -math.inf
@@ -95,13 +95,13 @@ class Loop:
 
     def run(self) -> int:
         """Until the application has ended, and nothing of it flies any more; gives the exit code."""
-        while self._keeper.exit_code is None:
+        while self._supervisor.exit_code is None:
             self.turn()
-        return self._keeper.exit_code
+        return self._supervisor.exit_code
 
     def turn(self) -> None:
         """Wait for the next message or cycle, and do what is to be done."""
-        callers = self._doors.wait(self._due_s - self._clock())
+        callers = self._selector.wait(self._due_s - self._clock())
         now_s = self._clock()
         if now_s > self._turned_s + STALLED_S:
             self._log.say(f"the gate stood still for {now_s - self._turned_s:.2f} s")
@@ -121,7 +121,7 @@ class Loop:
         """
         for _ in range(CATCH_UP):
             self._from_autopilot(before_s)
-            for frame in self._keeper.receive(self._clock()):
+            for frame in self._supervisor.receive(self._clock()):
                 if NAMES.get(frame.message_id) in SETPOINTS:
                     self.stale += 1
                 else:
@@ -129,87 +129,90 @@ class Loop:
 
     def close(self) -> None:
         """Say what was counted, and wait for nothing more."""
-        self._doors.close()
+        self._selector.close()
         counts = {**self._gate.counts, "not signed": self.unsigned, "setpoint too old": self.stale}
-        for url, wire in [(self._plan.autopilot_url, self._autopilot), *((a.url, wire) for a, wire in self._attached)]:
+        for url, transport in [
+            (self._plan.autopilot_url, self._autopilot),
+            *((a.url, transport) for a, transport in self._attached),
+        ]:
             counts |= {
-                f"{url}: not sent": wire.unsent,
-                f"{url}: of strangers": wire.strangers,
-                f"{url}: no message": wire.inflow.bad,
-                f"{url}: refused": wire.inflow.refused,
+                f"{url}: not sent": transport.unsent,
+                f"{url}: of strangers": transport.strangers,
+                f"{url}: no message": transport.reader.bad,
+                f"{url}: refused": transport.reader.refused,
             }
         self._log.say("; ".join(f"{what}: {number}" for what, number in counts.items() if number) or "nothing refused")
 
     def _from_application(self, now_s: float) -> None:
-        for frame in self._keeper.receive(now_s):
+        for frame in self._supervisor.receive(now_s):
             self._pass_down(frame, now_s)
         self._follow_child()
-        for raw in self._gate.take_upward():
+        for raw in self._gate.drain_upward():
             self._up(raw)
 
     def _up(self, raw: bytes) -> None:
         """To the application."""
-        if self._keeper.child is not None:
-            self._keeper.child.send(raw)
+        if self._supervisor.child is not None:
+            self._supervisor.child.send(raw)
 
     def _pass_down(self, frame: Frame, now_s: float) -> None:
-        verdict = self._gate.application_spoke(frame, now_s)
+        verdict = self._gate.on_application_message(frame, now_s)
         if verdict.raw is not None:
             self._down(verdict.raw)
         if NAMES.get(frame.message_id) in SHOWN and frame.component_id == MavComponent.ONBOARD_COMPUTER:
-            for _, wire in self._attached:
-                wire.send(frame.raw)
+            for _, transport in self._attached:
+                transport.send(frame.raw)
 
     def _from_autopilot(self, now_s: float) -> None:
         frames = self._autopilot.receive(now_s)
-        self._follow(self._wires[0])
+        self._follow(self._transports[0])
         if not frames:
             return
         self._heard_s = now_s
-        spoke = self._gate.autopilot_spoke
+        spoke = self._gate.on_autopilot_message
         for frame in frames:
             spoke(frame, now_s)
         for batch in batches(frames):
             self._up(batch)
-            for _, wire in self._attached:
-                wire.send(batch)
+            for _, transport in self._attached:
+                transport.send(batch)
 
     def _from_attached(self, number: int, now_s: float) -> None:
-        attached, wire = self._attached[number]
-        frames = wire.receive(now_s)
-        self._follow(self._wires[1 + number])
+        attached, transport = self._attached[number]
+        frames = transport.receive(now_s)
+        self._follow(self._transports[1 + number])
         for frame in frames:
-            if self._gate.ground_spoke(frame, attached.may):
+            if self._gate.on_attached_message(frame, attached.may):
                 self._down(frame.raw)
             if attached.may == "command" and _concerns_application(frame):
                 self._up(frame.raw)
 
-    def _hear_the_bell(self, now_s: float) -> None:
-        self._signals.hushed()
-        self._keeper.notice_death(now_s)
+    def _on_signal(self, now_s: float) -> None:
+        self._signals.drain()
+        self._supervisor.on_child_signal(now_s)
         self._follow_child()
         # A death is answered at once, not at the next cycle.
         self._due_s = now_s
 
     def _cycle(self, now_s: float) -> None:
-        for number, door in enumerate(self._wires):
-            door[1].tick(now_s)
-            self._follow(door)
-            if door[1].problem != self._problems[number]:
-                self._tell_problem(number, door[1])
+        for number, entry in enumerate(self._transports):
+            entry[1].tick(now_s)
+            self._follow(entry)
+            if entry[1].problem != self._problems[number]:
+                self._tell_problem(number, entry[1])
         for raw in self._gate.cycle(now_s):
             self._down(raw)
-            for _, wire in self._attached:
-                wire.send(raw)
-        for notice in self._gate.take_notices(now_s):
+            for _, transport in self._attached:
+                transport.send(raw)
+        for notice in self._gate.drain_notices(now_s):
             if notice.text:
                 self._log.say(notice.text)
-            if self._keeper.child is not None:
-                self._keeper.child.notify(notice)
-        for asked in self._signals.taken():
+            if self._supervisor.child is not None:
+                self._supervisor.child.notify(notice)
+        for asked in self._signals.requests():
             self._notifier.stopping()
-            self._keeper.ask(asked)
-        self._keeper.cycle(now_s, now_s - self._heard_s)
+            self._supervisor.request_end(asked)
+        self._supervisor.cycle(now_s, now_s - self._heard_s)
         self._follow_child()
         self._tell_service()
         self._notifier.cycle(now_s)
@@ -223,18 +226,18 @@ class Loop:
             raw = self._signer.sign(raw)
         self._autopilot.send(raw)
 
-    def _follow(self, door: tuple[int, Wire, Callable[[float], None]]) -> None:
-        rank, wire, serve = door
-        self._doors.follow(rank, wire.fileno(), serve)
+    def _follow(self, entry: tuple[int, Transport, Callable[[float], None]]) -> None:
+        rank, transport, serve = entry
+        self._selector.follow(rank, transport.fileno(), serve)
 
     def _follow_child(self) -> None:
-        child = self._keeper.child
-        self._doors.follow(_APPLICATION, None if child is None else child.fileno(), self._from_application)
+        child = self._supervisor.child
+        self._selector.follow(_APPLICATION, None if child is None else child.fileno(), self._from_application)
 
-    def _tell_problem(self, number: int, wire: Wire) -> None:
-        self._problems[number] = wire.problem
+    def _tell_problem(self, number: int, transport: Transport) -> None:
+        self._problems[number] = transport.problem
         url = self._plan.autopilot_url if number == 0 else self._attached[number - 1][0].url
-        self._log.say(f"{url}: {wire.problem or 'open'}")
+        self._log.say(f"{url}: {transport.problem or 'open'}")
 
     def _tell_service(self) -> None:
         if not self._is_ready and self._autopilot.fileno() is not None:

@@ -21,9 +21,9 @@ from companion.gate.runtime.loop import Loop
 from companion.gate.runtime.processes import adopt_orphans
 from companion.gate.runtime.scheduling import take_precedence
 from companion.gate.runtime.signals import Signals
-from companion.gate.runtime.supervisor import Keeper
-from companion.gate.runtime.systemd import Notifier
-from companion.gate.runtime.transports import Wire, open_wire
+from companion.gate.runtime.supervisor import Supervisor
+from companion.gate.runtime.systemd import ServiceManager
+from companion.gate.runtime.transports import Transport, open_transport
 from companion.mavlink.codec import Frame
 from companion.mavlink.signing import Signer, load_key
 
@@ -43,25 +43,25 @@ def run(plan: Plan) -> int:
         stack.callback(signals.close)
         log = Log()
         stack.callback(log.close, LAST_WORDS_S)
-        notifier = Notifier(os.environ)
+        notifier = ServiceManager(os.environ)
         stack.callback(notifier.close)
         signer = None if plan.signing is None else _signer(plan.signing)
-        autopilot = open_wire(plan.autopilot_url, plan.system_id, None if signer is None else _accepting(signer))
+        autopilot = open_transport(plan.autopilot_url, plan.system_id, None if signer is None else _accepting(signer))
         stack.callback(autopilot.close)
-        attached: list[tuple[Attached, Wire]] = []
+        attached: list[tuple[Attached, Transport]] = []
         for one in plan.attached:
-            attached.append((one, open_wire(one.url)))
+            attached.append((one, open_transport(one.url)))
             stack.callback(attached[-1][1].close)
         adopt_orphans()
         gate = Gate(plan, time.monotonic())
-        keeper = Keeper(plan, gate, log)
-        stack.callback(keeper.close)
+        supervisor = Supervisor(plan, gate, log)
+        stack.callback(supervisor.close)
         try:
-            keeper.start()
+            supervisor.start()
         except OSError as error:
             raise CompanionError(f"the application cannot be started: {' '.join(plan.command)}: {error}") from error
         log.say(f"the autopilot is at {plan.autopilot_url}; {take_precedence() if plan.realtime else 'not real time'}")
-        loop = Loop(plan, gate, keeper, autopilot, signer, attached, signals, notifier, log, time.monotonic)
+        loop = Loop(plan, gate, supervisor, autopilot, signer, attached, signals, notifier, log, time.monotonic)
         gc.collect()
         gc.freeze()
         try:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 Serve = Callable[[float], None]
 
 
-class Doors:
+class Selector:
     """What is waited for, and who is called when something is there: the lowest rank first."""
 
     def __init__(self) -> None:

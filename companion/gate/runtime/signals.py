@@ -24,7 +24,7 @@ class Signals:
     """Keeps signals from doing anything by themselves; to be made in the main thread before any other is started.
 
     Attributes:
-        wake: readable when a child has ended; `hushed` empties it.
+        wake: readable when a child has ended; `drain` empties it.
     """
 
     def __init__(self) -> None:
@@ -35,12 +35,12 @@ class Signals:
         self._handler = signal.signal(signal.SIGCHLD, _nothing)
         self._wakeup = signal.set_wakeup_fd(self._bell.fileno(), warn_on_full_buffer=False)
 
-    def hushed(self) -> None:
+    def drain(self) -> None:
         """The bell was heard."""
         with contextlib.suppress(BlockingIOError):
             self.wake.recv(4096)
 
-    def taken(self) -> list[signal.Signals | None]:
+    def requests(self) -> list[signal.Signals | None]:
         """Requests for the end since the last call: what to pass on, or None when the application has it already."""
         found: list[signal.Signals | None] = []
         for _ in range(MOST):

@@ -26,7 +26,7 @@ GONE_S = 10.0
 """An autopilot that was silent for this long is not waited for when the end was asked for."""
 
 
-class Keeper:
+class Supervisor:
     """Keeps one application running.
 
     Args:
@@ -66,7 +66,7 @@ class Keeper:
         self._killed = ""
         self._goodbye_s = None
         self.child = Child(command, self._plan.inherit, self._nice)
-        self._gate.application_started()
+        self._gate.on_application_started()
         self._log.say(f"the application was started (process {self.child.pid})")
 
     def receive(self, now_s: float) -> list[Frame]:
@@ -78,18 +78,18 @@ class Keeper:
         for said in [] if self.child is None else self.child.receive():
             if isinstance(said, bytes):
                 self._heard = self._heard or unpacked(said) is not None
-                self._gate.beat(said, now_s)
+                self._gate.on_word(said, now_s)
             else:
                 frames.append(said)
         return frames
 
-    def ask(self, number: signal.Signals | None) -> None:
+    def request_end(self, number: signal.Signals | None) -> None:
         """Somebody asks for the end: pass the signal on; None: the application has it already."""
         self._asked = True
         if self.child is not None and number is not None:
             self.child.signal(number)
 
-    def notice_death(self, now_s: float) -> None:
+    def on_child_signal(self, now_s: float) -> None:
         """Hear of the end of the application, at once and whatever flies; leave is taken of it later."""
         if self.child is not None and (code := exit_code_of(self.child.pid)) is not None:
             self._ended(self.child, code, now_s)
@@ -99,7 +99,7 @@ class Keeper:
         if self.exit_code is not None:
             return
         if self.child is not None:
-            self._watch(self.child, now_s)
+            self._look_after(self.child, now_s)
         else:
             self._after_death(now_s, autopilot_silent_s)
 
@@ -108,7 +108,7 @@ class Keeper:
         if self.child is not None:
             self.child.close()
 
-    def _watch(self, child: Child, now_s: float) -> None:
+    def _look_after(self, child: Child, now_s: float) -> None:
         if self._gate.goodbye is not None and self._goodbye_s is None:
             self._goodbye_s = now_s
         if self._killed:
@@ -139,7 +139,7 @@ class Keeper:
             # It is not installed as it should be, or was asked to end before it began: another start mends neither.
             self.exit_code = code if code > 0 else EXIT_FAILED
         else:
-            self._gate.application_died(how)
+            self._gate.on_application_died(how)
 
     def _leave(self) -> None:
         """The application has ended in good order; so does the gate, unless it is stopping the vehicle just now."""

@@ -15,7 +15,7 @@ FEEDS = 4
 """In the time after which the service manager would give us up."""
 
 
-class Notifier:
+class ServiceManager:
     """Says nothing where nobody listens.
 
     Args:

@@ -8,7 +8,7 @@ import os
 import socket
 from typing import Protocol
 
-from companion.gate.runtime.framing import Accept, Inflow, Outflow, Redial
+from companion.gate.runtime.framing import Accept, FrameReader, FrameWriter, Reconnect
 from companion.mavlink.codec import Frame
 
 READ_BYTES = 4096
@@ -53,30 +53,30 @@ class Opener(Protocol):
         ...
 
 
-class StreamWire:
+class StreamTransport:
     """A stream, opened anew whenever it was lost.
 
     Args:
         opener: opens it.
-        accept: see `Inflow`.
+        accept: see `FrameReader`.
     """
 
     def __init__(self, opener: Opener, accept: Accept | None) -> None:
         self.unsent = self.strangers = 0
         self.problem = ""
-        self.inflow = Inflow(accept, datagram=False)
-        self._outflow = Outflow(opener.most_waiting)
+        self.reader = FrameReader(accept, datagram=False)
+        self._writer = FrameWriter(opener.most_waiting)
         self._opener = opener
         self._line: Line | None = None
         self._lost = False
-        self._redial = Redial()
+        self._reconnect = Reconnect()
 
     def fileno(self) -> int | None:
-        """See `Wire`."""
+        """See `Transport`."""
         return self._opener.fileno() if self._line is None else self._line.fileno()
 
     def receive(self, now_s: float) -> list[Frame]:
-        """See `Wire`."""
+        """See `Transport`."""
         if self._line is None:
             self._open(now_s)
             return []
@@ -91,25 +91,25 @@ class StreamWire:
             self._line.close()
             self._line = None
             self.problem = "closed by the other end"
-            self._redial.failed(now_s)
-        return self.inflow.frames(data)
+            self._reconnect.failed(now_s)
+        return self.reader.frames(data)
 
     def send(self, raw: bytes) -> None:
-        """See `Wire`."""
-        if self._line is None or not self._outflow.put(self._line.fileno(), raw):
+        """See `Transport`."""
+        if self._line is None or not self._writer.put(self._line.fileno(), raw):
             self.unsent += 1
 
     def tick(self, now_s: float) -> None:
-        """See `Wire`."""
+        """See `Transport`."""
         if self._line is not None:
             # What is wrong with it shows when it is read.
             with contextlib.suppress(OSError):
-                self._outflow.flush(self._line.fileno())
-        elif self._redial.due(now_s):
+                self._writer.flush(self._line.fileno())
+        elif self._reconnect.due(now_s):
             self._open(now_s)
 
     def close(self) -> None:
-        """See `Wire`."""
+        """See `Transport`."""
         if self._line is not None:
             self._line.close()
             self._line = None
@@ -120,12 +120,12 @@ class StreamWire:
             self._line = self._opener.open()
         except OSError as error:
             self.problem = str(error)
-            self._redial.failed(now_s)
+            self._reconnect.failed(now_s)
             return
         if self._line is not None:
             self.problem = ""
-            self.inflow.restart()
-            self._outflow.restart()
+            self.reader.restart()
+            self._writer.restart()
 
 
 class TcpIn:

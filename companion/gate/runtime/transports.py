@@ -6,9 +6,9 @@ import socket
 from typing import Protocol
 
 from companion.errors import InputError
-from companion.gate.runtime.framing import Accept, Inflow
+from companion.gate.runtime.framing import Accept, FrameReader
 from companion.gate.runtime.serial import SerialPort
-from companion.gate.runtime.tcp import StreamWire, TcpIn, TcpOut
+from companion.gate.runtime.tcp import StreamTransport, TcpIn, TcpOut
 from companion.gate.runtime.udp import UdpIn, UdpOut
 from companion.mavlink.codec import Frame
 
@@ -18,20 +18,20 @@ AUTOPILOT_WAITING_BYTES = 2048
 ATTACHED_WAITING_BYTES = 65536
 
 
-class Wire(Protocol):
+class Transport(Protocol):
     """A link that carries MAVLink. No call waits, and none raises for what the other end does.
 
     Attributes:
         unsent: messages that could not be sent.
         strangers: datagrams of others.
         problem: why it is not open, in words; empty: it is, or still tries.
-        inflow: counts what came and was no message, or not welcome.
+        reader: counts what came and was no message, or not welcome.
     """
 
     unsent: int
     strangers: int
     problem: str
-    inflow: Inflow
+    reader: FrameReader
 
     def fileno(self) -> int | None:
         """What to wait for; None: nothing. It changes in `receive` and `tick` only."""
@@ -54,7 +54,7 @@ class Wire(Protocol):
         ...
 
 
-def open_wire(url: str, system_id: int | None = None, accept: Accept | None = None) -> Wire:
+def open_transport(url: str, system_id: int | None = None, accept: Accept | None = None) -> Transport:
     """The link that a URL names.
 
     Args:
@@ -73,7 +73,7 @@ def open_wire(url: str, system_id: int | None = None, accept: Accept | None = No
             device, baud = rest, str(DEFAULT_BAUD)
         if not device or not baud.isdecimal():
             raise _no_url(url)
-        return StreamWire(SerialPort(device, int(baud)), accept)
+        return StreamTransport(SerialPort(device, int(baud)), accept)
     if scheme not in ("udpin", "udpout", "tcpin", "tcpout"):
         raise _no_url(url)
     address = _address(url, rest, listens=scheme.endswith("in"))
@@ -82,7 +82,7 @@ def open_wire(url: str, system_id: int | None = None, accept: Accept | None = No
             return UdpIn(address, system_id, accept)
         if scheme == "udpout":
             return UdpOut(address, accept)
-        return StreamWire((TcpIn if scheme == "tcpin" else TcpOut)(address, waiting), accept)
+        return StreamTransport((TcpIn if scheme == "tcpin" else TcpOut)(address, waiting), accept)
     except OSError as error:
         raise InputError(
             f"{url} cannot be listened on: {error.strerror}; end what uses it, or configure another"

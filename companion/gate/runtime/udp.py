@@ -6,7 +6,7 @@ import math
 import os
 import socket
 
-from companion.gate.runtime.framing import Accept, Inflow, Redial
+from companion.gate.runtime.framing import Accept, FrameReader, Reconnect
 from companion.mavlink.codec import Frame
 from companion.mavlink.ids import MavComponent
 
@@ -28,24 +28,24 @@ class UdpOut:
 
     Args:
         remote: host and port.
-        accept: see `Inflow`.
+        accept: see `FrameReader`.
     """
 
     def __init__(self, remote: Address, accept: Accept | None) -> None:
         self.unsent = self.strangers = 0
         self.problem = ""
-        self.inflow = Inflow(accept, datagram=True)
+        self.reader = FrameReader(accept, datagram=True)
         self._remote = remote
         self._socket: socket.socket | None = None
         self._broken = False
-        self._redial = Redial()
+        self._reconnect = Reconnect()
 
     def fileno(self) -> int | None:
-        """See `Wire`."""
+        """See `Transport`."""
         return None if self._socket is None else self._socket.fileno()
 
     def receive(self, _now_s: float) -> list[Frame]:
-        """See `Wire`."""
+        """See `Transport`."""
         found: list[Frame] = []
         for _ in range(MOST_FRAMES):
             if self._socket is None or len(found) >= MOST_FRAMES:
@@ -55,11 +55,11 @@ class UdpOut:
             except OSError:
                 # Nothing there. Or nobody listens there yet: the answer to an earlier datagram.
                 break
-            found += self.inflow.frames(data)
+            found += self.reader.frames(data)
         return found
 
     def send(self, raw: bytes) -> None:
-        """See `Wire`."""
+        """See `Transport`."""
         try:
             if self._socket is None:
                 raise BlockingIOError
@@ -72,21 +72,21 @@ class UdpOut:
             self._broken = True
 
     def tick(self, now_s: float) -> None:
-        """See `Wire`."""
+        """See `Transport`."""
         if self._broken:
             # The next is opened a second later, so that it cannot be taken for this one.
             self.close()
-            self._redial.failed(now_s)
-        elif self._socket is None and self._redial.due(now_s):
+            self._reconnect.failed(now_s)
+        elif self._socket is None and self._reconnect.due(now_s):
             try:
                 self._socket = _connected(self._remote)
                 self.problem = ""
             except OSError as error:
                 self.problem = str(error.strerror)
-                self._redial.failed(now_s)
+                self._reconnect.failed(now_s)
 
     def close(self) -> None:
-        """See `Wire`."""
+        """See `Transport`."""
         self._broken = False
         if self._socket is not None:
             self._socket.close()
@@ -101,7 +101,7 @@ class UdpIn:
     Args:
         local: host and port.
         system_id: whose autopilot's heartbeat is wanted; None: any message of anybody will do.
-        accept: see `Inflow`.
+        accept: see `FrameReader`.
 
     Raises:
         OSError: the port is taken, or is not ours to take.
@@ -110,7 +110,7 @@ class UdpIn:
     def __init__(self, local: Address, system_id: int | None, accept: Accept | None) -> None:
         self.unsent = self.strangers = 0
         self.problem = ""
-        self.inflow = Inflow(accept, datagram=True)
+        self.reader = FrameReader(accept, datagram=True)
         self._system_id = system_id
         self._peer: Address | None = None
         self._heard_s = -math.inf
@@ -122,11 +122,11 @@ class UdpIn:
             raise
 
     def fileno(self) -> int | None:
-        """See `Wire`."""
+        """See `Transport`."""
         return self._socket.fileno()
 
     def receive(self, now_s: float) -> list[Frame]:
-        """See `Wire`."""
+        """See `Transport`."""
         found: list[Frame] = []
         for _ in range(MOST_FRAMES):
             if len(found) >= MOST_FRAMES:
@@ -142,7 +142,7 @@ class UdpIn:
         return found
 
     def send(self, raw: bytes) -> None:
-        """See `Wire`."""
+        """See `Transport`."""
         try:
             if self._peer is None:
                 raise BlockingIOError
@@ -151,14 +151,14 @@ class UdpIn:
             self.unsent += 1
 
     def tick(self, now_s: float) -> None:
-        """See `Wire`."""
+        """See `Transport`."""
 
     def close(self) -> None:
-        """See `Wire`."""
+        """See `Transport`."""
         self._socket.close()
 
     def _heard(self, data: bytes, sender: Address, now_s: float) -> list[Frame]:
-        frames = self.inflow.frames(data)
+        frames = self.reader.frames(data)
         if sender != self._peer:
             if not any(map(self._is_wanted, frames)):
                 if self._peer is None:

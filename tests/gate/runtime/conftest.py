@@ -11,15 +11,14 @@ from pathlib import Path
 import pytest
 
 from companion.gate.runtime import main as process
-from companion.gate.runtime import processes as family
-from companion.gate.runtime import supervisor as keeper
+from companion.gate.runtime import processes, supervisor
 
 
 @pytest.fixture(autouse=True)
 def own_family(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The processes that other tests have started are not the gate's."""
     before = with_zombies()
-    real_children = family.children
+    real_children = processes.children
 
     def children() -> list[int]:
         return [pid for pid in real_children() if pid not in before]
@@ -32,13 +31,13 @@ def own_family(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
                 found.append((pid, os.waitstatus_to_exitcode(status)))
         return found
 
-    monkeypatch.setattr(keeper, "children", children)
-    monkeypatch.setattr(keeper, "deaths", deaths)
+    monkeypatch.setattr(supervisor, "children", children)
+    monkeypatch.setattr(supervisor, "deaths", deaths)
     monkeypatch.setattr(process, "adopt_orphans", lambda: None)
     yield
     gc.unfreeze()
     for pid in with_zombies() - before:
-        family.kill(pid)
+        processes.kill(pid)
         os.waitpid(pid, 0)
 
 

@@ -17,9 +17,9 @@ from companion.gate.runtime import main as process
 from companion.gate.runtime.log import Log
 from companion.gate.runtime.loop import Loop
 from companion.gate.runtime.signals import Signals
-from companion.gate.runtime.supervisor import Keeper
-from companion.gate.runtime.systemd import Notifier
-from companion.gate.runtime.transports import open_wire
+from companion.gate.runtime.supervisor import Supervisor
+from companion.gate.runtime.systemd import ServiceManager
+from companion.gate.runtime.transports import open_transport
 from companion.mavlink.codec import Frame, Framer
 from companion.mavlink.signing import Signer
 from tests.gate.built import PLAN, frame
@@ -83,8 +83,8 @@ class Rig:
             attached=others,
         )
         self.gate = Gate(self.plan, self.now_s())
-        self.gate_beat = self.gate.beat
-        self.gate.beat = self._beat  # type: ignore[method-assign]
+        self.gate_on_word = self.gate.on_word
+        self.gate.on_word = self._beat  # type: ignore[method-assign]
         self.signals = Signals()
         self._said, words = os.pipe()
         self.log = Log(words)
@@ -93,17 +93,17 @@ class Rig:
         self.service.bind("")
         self.service.setblocking(False)
         name = self.service.getsockname().replace(b"\0", b"@").decode()
-        self.notifier = Notifier({"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "400000"})
+        self.notifier = ServiceManager({"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "400000"})
         accept = None if signer is None else process._accepting(signer)
-        self.wire = open_wire(self.plan.autopilot_url, 1, accept)
-        self.attached = [(one, open_wire(one.url)) for one in others]
-        self.keeper = Keeper(self.plan, self.gate, self.log)
-        self.keeper.start()
+        self.transport = open_transport(self.plan.autopilot_url, 1, accept)
+        self.attached = [(one, open_transport(one.url)) for one in others]
+        self.supervisor = Supervisor(self.plan, self.gate, self.log)
+        self.supervisor.start()
         self.loop = Loop(
             self.plan,
             self.gate,
-            self.keeper,
-            self.wire,
+            self.supervisor,
+            self.transport,
             signer,
             self.attached,
             self.signals,
@@ -118,7 +118,7 @@ class Rig:
 
     def _beat(self, data: bytes, now_s: float) -> None:
         self.beats.append(data)
-        self.gate_beat(data, now_s)
+        self.gate_on_word(data, now_s)
 
     def turn_until(self, true: Callable[[], object]) -> None:
         """Turn the loop until something has come about."""
@@ -145,8 +145,8 @@ class Rig:
 
     def do(self, script: str) -> None:
         """Have the child do something."""
-        assert self.keeper.child is not None
-        assert self.keeper.child._socket.send(f"do {script}".encode())
+        assert self.supervisor.child is not None
+        assert self.supervisor.child._socket.send(f"do {script}".encode())
 
     def say(self, *frames: Frame) -> None:
         """The autopilot says something, in one datagram."""
@@ -170,7 +170,7 @@ class Rig:
 
     def has_died(self) -> None:
         """Turn the loop until the gate has noticed."""
-        self.turn_until(lambda: self.keeper.child is None)
+        self.turn_until(lambda: self.supervisor.child is None)
 
     def service_heard(self) -> list[bytes]:
         """What the service manager was told since it was last asked."""
@@ -187,11 +187,11 @@ class Rig:
     def close(self) -> None:
         """Everything, whatever state it is in."""
         self.loop.close()
-        self.wire.close()
-        for _, wire in self.attached:
-            wire.close()
-        if self.keeper.child is not None:
-            self.keeper.child.close()
+        self.transport.close()
+        for _, transport in self.attached:
+            transport.close()
+        if self.supervisor.child is not None:
+            self.supervisor.child.close()
         self.signals.close()
         self.notifier.close()
         self.log.close(5.0)

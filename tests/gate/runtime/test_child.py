@@ -17,7 +17,7 @@ import pytest
 
 from companion.gate.faults import Fault, Stage
 from companion.gate.protocol import Notice
-from companion.gate.runtime import processes as family
+from companion.gate.runtime import processes
 from companion.gate.runtime.child import BUFFER_BYTES, MOST_PACKETS, Child
 from companion.mavlink.codec import Frame
 from tests.gate.built import frame
@@ -40,7 +40,7 @@ def started(script: str, *inherit: int) -> Iterator[Child]:
         yield child
     finally:
         child.close()
-        family.kill(child.pid)
+        processes.kill(child.pid)
         with contextlib.suppress(ChildProcessError):
             os.waitpid(child.pid, 0)
 
@@ -143,7 +143,7 @@ time.sleep(60)
 def test_what_is_no_message_is_counted() -> None:
     with started("gate.send(b'\\xfdxx'); gate.send(b'x'); time.sleep(60)") as child:
         assert said(child, 1) == [b"x"]
-        assert child.inflow.bad == 1
+        assert child.reader.bad == 1
 
 
 def test_a_broken_socket_is_a_silent_one() -> None:
@@ -167,10 +167,10 @@ def test_signals_reach_it_while_it_lives(monkeypatch: pytest.MonkeyPatch) -> Non
         wait = os.waitpid
         # waitpid hears of any child: of those that other tests have left nothing is wanted here.
         monkeypatch.setattr(os, "waitpid", lambda _any, flags: wait(child.pid, flags))
-        assert gathered(family.deaths) == [(child.pid, -15)]
-        assert family.deaths() == []
+        assert gathered(processes.deaths) == [(child.pid, -15)]
+        assert processes.deaths() == []
         child.signal(signal.SIGTERM)
-        family.kill(child.pid)
+        processes.kill(child.pid)
 
 
 @pytest.mark.parametrize(("script", "code"), [("sys.exit(3)", 3), ("os.kill(os.getpid(), 9)", -9)])
@@ -178,24 +178,24 @@ def test_the_end_of_a_child_is_known_while_it_is_a_zombie(script: str, code: int
     """Protects the gate from waiting for the dead, which can take the kernel half a second."""
     with started(f"import os; gate.send(b'up'); gate.recv(1); {script}") as child:
         said(child, 1)
-        assert family.exit_code_of(child.pid) is None
-        assert child.pid in family.children()
+        assert processes.exit_code_of(child.pid) is None
+        assert child.pid in processes.children()
         child.send(b"end")
         deadline_s = time.monotonic() + 10.0
-        while family.exit_code_of(child.pid) is None:
+        while processes.exit_code_of(child.pid) is None:
             assert time.monotonic() < deadline_s
             time.sleep(0.01)
-        assert family.exit_code_of(child.pid) == code
-        assert child.pid not in family.children()
+        assert processes.exit_code_of(child.pid) == code
+        assert child.pid not in processes.children()
         assert os.waitpid(child.pid, os.WNOHANG)[0] == child.pid
-        assert family.exit_code_of(child.pid) is None, "nobody's child any more"
+        assert processes.exit_code_of(child.pid) is None, "nobody's child any more"
 
 
 def test_what_ends_is_heard_of_in_parts_and_what_lives_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "waitpid", lambda _any, _flags: (0, 0))
-    assert family.deaths() == []
+    assert processes.deaths() == []
     monkeypatch.setattr(os, "waitpid", lambda _any, _flags: (7, 256))
-    assert family.deaths() == [(7, 1)] * family.MOST_DEATHS
+    assert processes.deaths() == [(7, 1)] * processes.MOST_DEATHS
 
 
 def test_precedence_is_not_handed_on(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -238,7 +238,7 @@ assert children() == []
 
 
 def test_children_are_found_and_orphans_adopted() -> None:
-    family.adopt_orphans()
+    processes.adopt_orphans()
     ctypes.CDLL(None).prctl(36, 0, 0, 0, 0)
     with started("time.sleep(60)") as child:
-        assert child.pid in family.children()
+        assert child.pid in processes.children()

@@ -11,8 +11,7 @@ import pytest
 
 from companion.gate.gate import Gate
 from companion.gate.protocol import Goodbye
-from companion.gate.runtime import processes as family
-from companion.gate.runtime import supervisor as keeper
+from companion.gate.runtime import processes, supervisor
 from companion.gate.runtime.supervisor import LEAVE_S, LOOK_S, REST_S
 from tests.gate.built import PLAN, frame
 from tests.gate.runtime.rig import ATTITUDE, HEARTBEAT, rigged
@@ -26,22 +25,22 @@ def test_its_last_word_is_the_exit_code() -> None:
         rig.up()
         rig.do(f"say('{Goodbye(7).packed().hex()}'); sys.exit(3)")
         assert rig.loop.run() == 7
-        rig.keeper.cycle(rig.now_s(), 0.0)
+        rig.supervisor.cycle(rig.now_s(), 0.0)
 
 
 def test_one_that_is_left_sees_the_end_of_its_socket() -> None:
     """Protects against an application that flies on in the belief that there is a gate."""
     with rigged() as rig:
         rig.up()
-        child = rig.keeper.child
+        child = rig.supervisor.child
         assert child is not None
-        rig.keeper.close()
+        rig.supervisor.close()
         deadline_s = time.monotonic() + 10.0
-        while not [code for pid, code in family.deaths() if pid == child.pid]:
+        while not [code for pid, code in processes.deaths() if pid == child.pid]:
             assert time.monotonic() < deadline_s, "its loop ends with the socket"
             time.sleep(0.01)
-        rig.keeper.child = None
-        rig.keeper.close()
+        rig.supervisor.child = None
+        rig.supervisor.close()
 
 
 def test_after_its_last_word_it_is_not_waited_for_for_ever() -> None:
@@ -51,7 +50,7 @@ def test_after_its_last_word_it_is_not_waited_for_for_ever() -> None:
         rig.do(f"say('{Goodbye(0).packed().hex()}'); time.sleep(60)")
         rig.turn_until(lambda: rig.gate.goodbye)
         rig.turn_for(0.05)
-        assert rig.keeper.exit_code is None
+        assert rig.supervisor.exit_code is None
         rig.offset_s += LEAVE_S + 0.1
         assert rig.loop.run() == 0
         assert f"did not end within {LEAVE_S:g} s of its last word; it is killed" in rig.words()
@@ -71,19 +70,19 @@ def test_one_that_died_is_told_and_started_again_when_the_vehicle_is_disarmed() 
         rig.up()
         rig.say(ARMED)
         rig.do("import subprocess; subprocess.Popen(['sleep', '60']); os.kill(os.getpid(), 9)")
-        dead = rig.keeper.child
+        dead = rig.supervisor.child
         rig.has_died()
         rig.turn_until(lambda: rig.gate.armed)
         rig.offset_s += REST_S + 0.1
         rig.turn_for(0.05)
         rig.offset_s += LOOK_S + 0.1
         rig.turn_for(0.05)
-        assert rig.keeper.child is None
+        assert rig.supervisor.child is None
         rig.say(HEARTBEAT, ATTITUDE)
         rig.turn_until(lambda: not rig.gate.armed)
         rig.offset_s += LOOK_S + 0.1
-        rig.turn_until(lambda: rig.keeper.child)
-        assert rig.keeper.child is not dead
+        rig.turn_until(lambda: rig.supervisor.child)
+        assert rig.supervisor.child is not dead
         assert "was ended by signal 9 (Killed)" in rig.words()
         # It has another socket, and is heard and spoken to over it.
         rig.beats.clear()
@@ -97,13 +96,13 @@ def test_its_children_are_killed_before_another_is_started(monkeypatch: pytest.M
         killed: list[int] = []
         rig.do("sys.exit(1)")
         rig.has_died()
-        monkeypatch.setattr(keeper, "children", lambda: [] if killed else [4_194_999])
-        monkeypatch.setattr(keeper, "kill", killed.append)
+        monkeypatch.setattr(supervisor, "children", lambda: [] if killed else [4_194_999])
+        monkeypatch.setattr(supervisor, "kill", killed.append)
         rig.offset_s += REST_S + 0.1
         rig.turn_until(lambda: killed)
-        assert rig.keeper.child is None
+        assert rig.supervisor.child is None
         rig.offset_s += LOOK_S + 0.1
-        rig.turn_until(lambda: rig.keeper.child)
+        rig.turn_until(lambda: rig.supervisor.child)
 
 
 def test_the_end_of_another_process_is_no_end_of_the_application() -> None:
@@ -111,9 +110,9 @@ def test_the_end_of_another_process_is_no_end_of_the_application() -> None:
     with rigged() as rig:
         rig.up()
         subprocess.run([sys.executable, "-c", "pass"], check=True)
-        rig.keeper.notice_death(rig.now_s())
-        assert rig.keeper.child is not None
-        assert rig.keeper.exit_code is None
+        rig.supervisor.on_child_signal(rig.now_s())
+        assert rig.supervisor.child is not None
+        assert rig.supervisor.exit_code is None
 
 
 def test_leave_of_a_dead_application_is_taken_only_when_nothing_flies(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -123,7 +122,7 @@ def test_leave_of_a_dead_application_is_taken_only_when_nothing_flies(monkeypatc
         rig.say(ARMED)
         rig.turn_until(lambda: rig.gate.armed)
         left: list[float] = []
-        monkeypatch.setattr(keeper, "deaths", lambda: left.append(rig.now_s()))
+        monkeypatch.setattr(supervisor, "deaths", lambda: left.append(rig.now_s()))
         rig.do("os.kill(os.getpid(), 9)")
         rig.has_died()
         rig.offset_s += REST_S + LOOK_S
@@ -132,7 +131,7 @@ def test_leave_of_a_dead_application_is_taken_only_when_nothing_flies(monkeypatc
         rig.say(HEARTBEAT, ATTITUDE)
         rig.turn_until(lambda: not rig.gate.armed)
         rig.offset_s += LOOK_S + 0.1
-        rig.turn_until(lambda: rig.keeper.child)
+        rig.turn_until(lambda: rig.supervisor.child)
         assert len(left) == 1
 
 
@@ -145,7 +144,7 @@ def test_one_that_dies_again_and_again_is_given_up() -> None:
         rig.has_died()
         for _ in range(2):
             rig.offset_s += REST_S + LOOK_S
-            rig.turn_until(lambda: rig.keeper.child)
+            rig.turn_until(lambda: rig.supervisor.child)
             rig.has_died()
         rig.offset_s += REST_S + LOOK_S
         assert rig.loop.run() == 1
@@ -158,11 +157,11 @@ def test_a_restart_that_fails_is_tried_again_and_given_up() -> None:
         rig.up()
         rig.do("sys.exit(1)")
         rig.has_died()
-        while rig.keeper.exit_code is None:
+        while rig.supervisor.exit_code is None:
             rig.offset_s += REST_S + LOOK_S
             rig.turn_for(0.02)
         words = rig.words()
-        assert rig.keeper.exit_code == 1
+        assert rig.supervisor.exit_code == 1
         assert words.count("the application cannot be started: [Errno 2]") == 2
 
 
@@ -173,11 +172,11 @@ def test_one_that_hangs_is_killed_once(monkeypatch: pytest.MonkeyPatch) -> None:
         rig.do("time.sleep(60)")
         monkeypatch.setattr(rig.gate, "hangs", lambda _now_s: True)
         killed: list[int] = []
-        monkeypatch.setattr(keeper, "kill", killed.append)
+        monkeypatch.setattr(supervisor, "kill", killed.append)
         # A process that waits for a disk does not die at once.
         rig.turn_for(0.05)
         (pid,) = killed
-        family.kill(pid)
+        processes.kill(pid)
         rig.has_died()
         words = rig.words()
         assert words.count("the application hung for 10 s; it is killed") == 1
@@ -188,10 +187,10 @@ def test_it_may_close_its_socket_and_live() -> None:
     with rigged() as rig:
         rig.up()
         rig.do("gate.shutdown(socket.SHUT_WR); time.sleep(60)")
-        rig.turn_until(lambda: rig.keeper.child and rig.keeper.child.silent)
+        rig.turn_until(lambda: rig.supervisor.child and rig.supervisor.child.silent)
         rig.say(ATTITUDE)
         rig.turn_for(0.05)
-        assert rig.keeper.exit_code is None
+        assert rig.supervisor.exit_code is None
 
 
 def test_the_gate_stays_while_it_stops_the_vehicle(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -205,6 +204,6 @@ def test_the_gate_stays_while_it_stops_the_vehicle(monkeypatch: pytest.MonkeyPat
         rig.has_died()
         rig.offset_s += REST_S + LOOK_S
         rig.turn_for(0.05)
-        assert rig.keeper.exit_code is None
+        assert rig.supervisor.exit_code is None
         monkeypatch.setattr(Gate, "airborne", False)
         assert rig.loop.run() == 1

@@ -12,7 +12,7 @@ import pytest
 
 from companion.gate.runtime.child import MOST_PACKETS
 from companion.gate.runtime.loop import STALLED_S, Loop
-from companion.gate.runtime.transports import open_wire
+from companion.gate.runtime.transports import open_transport
 from companion.gate.verdict import Verdict
 from companion.mavlink.codec import Frame
 from tests.gate.built import frame, setpoint
@@ -27,8 +27,8 @@ def test_setpoints_that_waited_while_the_gate_was_stopped_are_not_sent() -> None
         rig.do(f"say('{setpoint().raw.hex()}');say('{sent.raw.hex()}');gate.send(b'done')")
         # The child has sent, and the gate has not looked.
         deadline_s = time.monotonic() + 20.0
-        assert rig.keeper.child is not None
-        waiting = socket.socket(fileno=os.dup(rig.keeper.child._socket.fileno()))
+        assert rig.supervisor.child is not None
+        waiting = socket.socket(fileno=os.dup(rig.supervisor.child._socket.fileno()))
         with waiting:
             while time.monotonic() < deadline_s:
                 with contextlib.suppress(BlockingIOError):
@@ -64,7 +64,7 @@ def test_a_flood_of_the_application_does_not_delay_the_cycle(monkeypatch: pytest
         rig.up()
         rig.do(f"r=bytes.fromhex('{setpoint().raw.hex()}')\nwhile True: gate.send(r)")
         taken, most, cycles = 0, 0, 0
-        real_spoke, real_cycle = rig.gate.application_spoke, rig.gate.cycle
+        real_spoke, real_cycle = rig.gate.on_application_message, rig.gate.cycle
 
         def spoke(found: Frame, now_s: float) -> Verdict:
             nonlocal taken
@@ -76,7 +76,7 @@ def test_a_flood_of_the_application_does_not_delay_the_cycle(monkeypatch: pytest
             cycles += 1
             return real_cycle(now_s)
 
-        monkeypatch.setattr(rig.gate, "application_spoke", spoke)
+        monkeypatch.setattr(rig.gate, "on_application_message", spoke)
         monkeypatch.setattr(rig.gate, "cycle", cycle)
         give_up_s = time.monotonic() + 20.0
         while rig.gate.counts["application: flood"] == 0:
@@ -97,14 +97,14 @@ def test_a_link_that_is_lost_and_found_is_told_and_followed() -> None:
     listener.bind((HOST, 0))
     url = f"tcpout://{HOST}:{listener.getsockname()[1]}"
     with listener, rigged() as rig:
-        rig.wire.close()
+        rig.transport.close()
         rig.loop.close()
-        wire = open_wire(url, 1)
+        transport = open_transport(url, 1)
         rig.loop = Loop(
             replace(rig.plan, autopilot_url=url),
             rig.gate,
-            rig.keeper,
-            wire,
+            rig.supervisor,
+            transport,
             None,
             [],
             rig.signals,
@@ -120,18 +120,18 @@ def test_a_link_that_is_lost_and_found_is_told_and_followed() -> None:
         rig.turn_until(lambda: b"READY=1" in rig.service_heard())
         server, _ = listener.accept()
         server.close()
-        rig.turn_until(lambda: wire.fileno() is None)
+        rig.turn_until(lambda: transport.fileno() is None)
         rig.turn_for(0.05)
         assert f"{url}: closed by the other end" in rig.words()
-        wire.close()
+        transport.close()
 
 
 def test_an_attached_link_that_does_not_open_is_told() -> None:
     """Protects the person who waits at a ground station that hears nothing."""
     with rigged(attached=("read",)) as rig:
-        wire = rig.attached[0][1]
-        rig.turn_until(lambda: wire.fileno())
-        wire.problem = "Network is unreachable"
+        transport = rig.attached[0][1]
+        rig.turn_until(lambda: transport.fileno())
+        transport.problem = "Network is unreachable"
         rig.turn_for(0.05)
         assert f"{rig.plan.attached[0].url}: Network is unreachable" in rig.words()
 

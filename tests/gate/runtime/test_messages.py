@@ -50,13 +50,13 @@ def test_a_ground_station_reaches_whom_it_may() -> None:
     """One that may only read orders nothing; an order to the application goes to it and not to the autopilot."""
     with rigged(attached=("read", "command")) as rig:
         rig.up()
-        addresses = [wire.fileno() for _, wire in rig.attached]
+        addresses = [transport.fileno() for _, transport in rig.attached]
         assert None not in addresses
         takes_off = command(22, component=190)
         pauses = command(193, component=190, target_component=191)
         everybody = frame("HEARTBEAT", component=190, system=255)
-        for ground, (_, wire) in zip(rig.grounds, rig.attached, strict=True):
-            with socket.socket(fileno=os.dup(wire.fileno() or -1)) as own:
+        for ground, (_, transport) in zip(rig.grounds, rig.attached, strict=True):
+            with socket.socket(fileno=os.dup(transport.fileno() or -1)) as own:
                 address = own.getsockname()
             for sent in (takes_off, pauses, everybody, frame("SYS_STATUS", component=190)):
                 ground.sendto(sent.raw, address)
@@ -99,7 +99,7 @@ def test_a_signed_link_hears_and_sends_nothing_unsigned() -> None:
     with rigged(signer=Signer(key, 1, time.time)) as rig:
         rig.turn_until(lambda: b"up" in rig.beats)
         rig.say(ATTITUDE)
-        rig.turn_until(lambda: rig.wire.inflow.refused == 1)
+        rig.turn_until(lambda: rig.transport.reader.refused == 1)
         rig.autopilot.sendto(theirs.sign(HEARTBEAT.raw), (HOST, rig.port))
         # What the application says before the autopilot is known goes nowhere, and it is read first.
         rig.turn_until(lambda: rig.loop._heard_s > 0.0)

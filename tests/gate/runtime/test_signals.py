@@ -24,7 +24,7 @@ def test_who_asks_the_gate_for_the_end_asks_the_application(sent: signal.Signals
         signal.pthread_kill(threading.get_ident(), signal.SIGQUIT)
         signal.pthread_kill(threading.get_ident(), sent)
         rig.turn_until(lambda: heard in rig.beats)
-        assert rig.keeper.exit_code is None
+        assert rig.supervisor.exit_code is None
         assert b"STOPPING=1" in rig.service_heard()
 
 
@@ -55,7 +55,7 @@ def test_in_the_air_the_gate_outlives_a_dead_application_also_when_it_is_asked_t
     monkeypatch.setattr(Gate, "airborne", True)
     with rigged() as rig:
         rig.up()
-        rig.keeper.ask(None)
+        rig.supervisor.request_end(None)
         rig.do("os.kill(os.getpid(), 9)")
         rig.has_died()
         rig.offset_s += REST_S + LOOK_S
@@ -63,10 +63,10 @@ def test_in_the_air_the_gate_outlives_a_dead_application_also_when_it_is_asked_t
         rig.say(ATTITUDE)
         rig.turn_until(lambda: rig.now_s() - rig.loop._heard_s < 1.0)
         rig.turn_for(0.05)
-        assert rig.keeper.exit_code is None
+        assert rig.supervisor.exit_code is None
         signal.pthread_kill(threading.get_ident(), signal.SIGTERM)
         rig.turn_for(0.05)
-        assert rig.keeper.exit_code is None
+        assert rig.supervisor.exit_code is None
         rig.offset_s += GONE_S
         assert rig.loop.run() == 1
 
@@ -75,9 +75,9 @@ def test_signals_are_as_they_were_afterwards() -> None:
     """Protects whatever the process does after the gate."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ()), signal.getsignal(signal.SIGCHLD)
     signals = Signals()
-    signals.hushed()
+    signals.drain()
     # A flood of them ends too.
-    signals.taken()
+    signals.requests()
     signals.close()
     assert (signal.pthread_sigmask(signal.SIG_BLOCK, ()), signal.getsignal(signal.SIGCHLD)) == before
 
@@ -86,5 +86,5 @@ def test_signals_are_taken_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Protects the cycle from a flood of signals."""
     signals = Signals()
     monkeypatch.setattr(signal, "sigtimedwait", lambda *_: SimpleNamespace(si_signo=15, si_code=0))
-    assert signals.taken() == [signal.SIGTERM] * 16
+    assert signals.requests() == [signal.SIGTERM] * 16
     signals.close()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from companion.gate.runtime.systemd import Notifier
+from companion.gate.runtime.systemd import ServiceManager
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def manager(tmp_path: Path) -> socket.socket:
 
 def test_the_service_manager_hears_how_it_goes(manager: socket.socket) -> None:
     with manager:
-        notifier = Notifier({"NOTIFY_SOCKET": manager.getsockname()})
+        notifier = ServiceManager({"NOTIFY_SOCKET": manager.getsockname()})
         notifier.ready()
         notifier.status("brake")
         notifier.stopping()
@@ -33,7 +33,7 @@ def test_the_service_manager_hears_how_it_goes(manager: socket.socket) -> None:
 
 def test_the_watchdog_is_fed_from_cycles_and_not_more_often_than_it_needs(manager: socket.socket) -> None:
     with manager:
-        notifier = Notifier(
+        notifier = ServiceManager(
             {"NOTIFY_SOCKET": manager.getsockname(), "WATCHDOG_USEC": "2000000", "WATCHDOG_PID": str(os.getpid())}
         )
         for now_s in (10.0, 10.1, 10.4, 10.5, 10.6):
@@ -56,7 +56,7 @@ def test_the_watchdog_is_fed_from_cycles_and_not_more_often_than_it_needs(manage
 )
 def test_a_watchdog_that_is_not_for_us_is_not_fed(manager: socket.socket, watchdog: dict[str, str]) -> None:
     with manager:
-        notifier = Notifier({"NOTIFY_SOCKET": manager.getsockname()} | watchdog)
+        notifier = ServiceManager({"NOTIFY_SOCKET": manager.getsockname()} | watchdog)
         notifier.cycle(10.0)
         notifier.ready()
         assert manager.recv(100) == b"READY=1"
@@ -64,19 +64,19 @@ def test_a_watchdog_that_is_not_for_us_is_not_fed(manager: socket.socket, watchd
 
 
 def test_without_a_service_manager_nothing_is_said() -> None:
-    notifier = Notifier({})
+    notifier = ServiceManager({})
     notifier.ready()
     notifier.cycle(1.0)
     notifier.close()
 
 
 def test_a_service_manager_that_is_gone_or_does_not_read_is_its_own_affair(manager: socket.socket) -> None:
-    notifier = Notifier({"NOTIFY_SOCKET": manager.getsockname()})
+    notifier = ServiceManager({"NOTIFY_SOCKET": manager.getsockname()})
     with manager:
         for _ in range(10_000):
             notifier.status("x" * 100)
     notifier.ready()
     notifier.close()
-    nobody = Notifier({"NOTIFY_SOCKET": "@companion-nobody"})
+    nobody = ServiceManager({"NOTIFY_SOCKET": "@companion-nobody"})
     nobody.ready()
     nobody.close()

@@ -14,8 +14,8 @@ import pytest
 import serial
 
 from companion.errors import InputError
-from companion.gate.runtime.framing import DATAGRAM_BYTES, RETRY_S, Inflow, Outflow, batches
-from companion.gate.runtime.transports import Wire, open_wire
+from companion.gate.runtime.framing import DATAGRAM_BYTES, RETRY_S, FrameReader, FrameWriter, batches
+from companion.gate.runtime.transports import Transport, open_transport
 from companion.gate.runtime.udp import MOST_FRAMES, PEER_SILENT_S
 from companion.mavlink.codec import Frame
 from tests.gate.built import frame
@@ -38,18 +38,18 @@ def free_port() -> int:
         return port
 
 
-def heard(wire: Wire, now_s: float = 0.0, count: int = 1) -> list[Frame]:
+def heard(transport: Transport, now_s: float = 0.0, count: int = 1) -> list[Frame]:
     """What comes in until there are so many; a real socket takes a moment."""
     found: list[Frame] = []
     until_s = time.monotonic() + 5.0
     while len(found) < count and time.monotonic() < until_s:
-        found += wire.receive(now_s)
+        found += transport.receive(now_s)
     return found
 
 
-def ticked(wire: Wire, now_s: float) -> Wire:
-    wire.tick(now_s)
-    return wire
+def ticked(transport: Transport, now_s: float) -> Transport:
+    transport.tick(now_s)
+    return transport
 
 
 def until(true: Callable[[], bool]) -> None:
@@ -60,12 +60,12 @@ def until(true: Callable[[], bool]) -> None:
 
 
 @contextlib.contextmanager
-def opened(url: str, system_id: int | None = 1) -> Iterator[Wire]:
-    wire = open_wire(url, system_id)
+def opened(url: str, system_id: int | None = 1) -> Iterator[Transport]:
+    transport = open_transport(url, system_id)
     try:
-        yield wire
+        yield transport
     finally:
-        wire.close()
+        transport.close()
 
 
 # --- addresses --------------------------------------------------------------------------------------------------------
@@ -88,12 +88,12 @@ def opened(url: str, system_id: int | None = 1) -> Iterator[Wire]:
 )
 def test_an_address_that_is_none_is_refused_in_words(url: str) -> None:
     with pytest.raises(InputError, match="is no link: udpin://"):
-        open_wire(url)
+        open_transport(url)
 
 
 def test_an_unknown_host_is_refused_in_words() -> None:
     with pytest.raises(InputError, match="no such host"):
-        open_wire("udpout://nobody.invalid:14550")
+        open_transport("udpout://nobody.invalid:14550")
 
 
 @pytest.mark.parametrize("scheme", ["udpin", "tcpin"])
@@ -101,14 +101,14 @@ def test_a_port_that_is_taken_is_told_at_the_start(scheme: str) -> None:
     with bound(socket.SOCK_DGRAM if scheme == "udpin" else socket.SOCK_STREAM) as other:
         port = other.getsockname()[1]
         with pytest.raises(InputError, match=rf"{scheme}://127.0.0.1:{port} cannot be listened on: Address already"):
-            open_wire(f"{scheme}://127.0.0.1:{port}")
+            open_transport(f"{scheme}://127.0.0.1:{port}")
 
 
 def test_without_a_host_it_listens_everywhere() -> None:
     port = free_port()
-    with opened(f"udpin://:{port}") as wire, bound() as autopilot:
+    with opened(f"udpin://:{port}") as transport, bound() as autopilot:
         autopilot.sendto(HEARTBEAT.raw, (HOST, port))
-        assert heard(wire) == [HEARTBEAT]
+        assert heard(transport) == [HEARTBEAT]
 
 
 # --- UDP --------------------------------------------------------------------------------------------------------------
@@ -117,130 +117,130 @@ def test_without_a_host_it_listens_everywhere() -> None:
 def test_udpin_answers_the_first_that_beats_and_nobody_else() -> None:
     """A second sender of heartbeats of the same number must not get the setpoints."""
     port = free_port()
-    with opened(f"udpin://{HOST}:{port}") as wire, bound() as autopilot, bound() as other:
-        wire.send(b"to nobody")
-        assert wire.unsent == 1
+    with opened(f"udpin://{HOST}:{port}") as transport, bound() as autopilot, bound() as other:
+        transport.send(b"to nobody")
+        assert transport.unsent == 1
         # Before, everybody is heard: so it can be told who is there instead of ours.
         foreign = frame("HEARTBEAT", component=1, system=7)
         other.sendto(foreign.raw, (HOST, port))
-        assert heard(wire) == [foreign]
-        wire.send(b"to nobody")
-        assert wire.unsent == 2
+        assert heard(transport) == [foreign]
+        transport.send(b"to nobody")
+        assert transport.unsent == 2
         autopilot.sendto(HEARTBEAT.raw, (HOST, port))
-        assert heard(wire) == [HEARTBEAT]
+        assert heard(transport) == [HEARTBEAT]
         other.sendto(HEARTBEAT.raw, (HOST, port))
-        until(lambda: not wire.receive(PEER_SILENT_S) and wire.strangers == 1)
-        wire.send(b"setpoint")
+        until(lambda: not transport.receive(PEER_SILENT_S) and transport.strangers == 1)
+        transport.send(b"setpoint")
         assert autopilot.recv(100) == b"setpoint"
 
 
 def test_udpin_follows_an_autopilot_that_comes_back_at_another_address() -> None:
     port = free_port()
-    with opened(f"udpin://{HOST}:{port}") as wire, bound() as autopilot, bound() as again:
+    with opened(f"udpin://{HOST}:{port}") as transport, bound() as autopilot, bound() as again:
         autopilot.sendto(HEARTBEAT.raw, (HOST, port))
-        heard(wire, 10.0)
+        heard(transport, 10.0)
         late_s = 10.0 + PEER_SILENT_S + 0.1
         # Not by anything but a heartbeat of ours, by the autopilot itself.
         for wrong in (ATTITUDE, frame("HEARTBEAT", component=191), frame("HEARTBEAT", component=1, system=2)):
             again.sendto(wrong.raw, (HOST, port))
-        until(lambda: not wire.receive(late_s) and wire.strangers == 3)
+        until(lambda: not transport.receive(late_s) and transport.strangers == 3)
         again.sendto(b"no message", (HOST, port))
         again.sendto(HEARTBEAT.raw, (HOST, port))
-        assert heard(wire, late_s) == [HEARTBEAT]
+        assert heard(transport, late_s) == [HEARTBEAT]
         # Garbage from it does not keep it in its place.
         again.sendto(b"garbage", (HOST, port))
-        until(lambda: not wire.receive(late_s + 1.0) and wire.inflow.bad == 2)
-        wire.send(b"setpoint")
+        until(lambda: not transport.receive(late_s + 1.0) and transport.reader.bad == 2)
+        transport.send(b"setpoint")
         assert again.recv(100) == b"setpoint"
 
 
 def test_udpin_for_somebody_attached_takes_whoever_speaks() -> None:
     port = free_port()
-    with opened(f"udpin://{HOST}:{port}", None) as wire, bound() as eyes:
+    with opened(f"udpin://{HOST}:{port}", None) as transport, bound() as eyes:
         odometry = frame("ODOMETRY", component=197)
         eyes.sendto(odometry.raw, (HOST, port))
-        assert heard(wire) == [odometry]
-        wire.send(b"up")
+        assert heard(transport) == [odometry]
+        transport.send(b"up")
         assert eyes.recv(100) == b"up"
 
 
 def test_a_flood_is_taken_in_parts() -> None:
     """Whoever sends a lot must leave time for the others."""
     port = free_port()
-    with opened(f"udpin://{HOST}:{port}") as wire, bound() as autopilot:
+    with opened(f"udpin://{HOST}:{port}") as transport, bound() as autopilot:
         for _ in range(40):
             autopilot.sendto(HEARTBEAT.raw * 3, (HOST, port))
-        assert MOST_FRAMES <= len(wire.receive(0.0)) < MOST_FRAMES + 3
-    with bound() as autopilot, opened(f"udpout://{HOST}:{autopilot.getsockname()[1]}") as wire:
-        wire.tick(0.0)
-        wire.send(b"here I am")
+        assert MOST_FRAMES <= len(transport.receive(0.0)) < MOST_FRAMES + 3
+    with bound() as autopilot, opened(f"udpout://{HOST}:{autopilot.getsockname()[1]}") as transport:
+        transport.tick(0.0)
+        transport.send(b"here I am")
         address = autopilot.recvfrom(100)[1]
         for _ in range(40):
             autopilot.sendto(HEARTBEAT.raw * 3, address)
-        assert MOST_FRAMES <= len(wire.receive(0.0)) < MOST_FRAMES + 3
-    with opened(f"udpin://{HOST}:{port}") as wire, bound() as autopilot:
+        assert MOST_FRAMES <= len(transport.receive(0.0)) < MOST_FRAMES + 3
+    with opened(f"udpin://{HOST}:{port}") as transport, bound() as autopilot:
         for _ in range(2 * MOST_FRAMES):
             autopilot.sendto(b"x", (HOST, port))
-        assert wire.fileno() is not None
-        wire.receive(0.0)
-        assert wire.inflow.bad == MOST_FRAMES
-    with bound() as autopilot, opened(f"udpout://{HOST}:{autopilot.getsockname()[1]}") as wire:
-        wire.tick(0.0)
-        wire.send(b"here I am")
+        assert transport.fileno() is not None
+        transport.receive(0.0)
+        assert transport.reader.bad == MOST_FRAMES
+    with bound() as autopilot, opened(f"udpout://{HOST}:{autopilot.getsockname()[1]}") as transport:
+        transport.tick(0.0)
+        transport.send(b"here I am")
         address = autopilot.recvfrom(100)[1]
         for _ in range(2 * MOST_FRAMES):
             autopilot.sendto(b"x", address)
-        wire.receive(0.0)
-        assert wire.inflow.bad == MOST_FRAMES
-        wire.close()
+        transport.receive(0.0)
+        assert transport.reader.bad == MOST_FRAMES
+        transport.close()
 
 
 def test_udpout_hears_only_the_address_that_it_sends_to() -> None:
-    with bound() as autopilot, bound() as other, opened(f"udpout://{HOST}:{autopilot.getsockname()[1]}") as wire:
-        assert wire.fileno() is None
-        assert wire.receive(0.0) == []
-        wire.send(b"too early")
-        assert wire.unsent == 1
-        wire.tick(0.0)
-        wire.tick(0.0)
-        wire.send(b"setpoint")
+    with bound() as autopilot, bound() as other, opened(f"udpout://{HOST}:{autopilot.getsockname()[1]}") as transport:
+        assert transport.fileno() is None
+        assert transport.receive(0.0) == []
+        transport.send(b"too early")
+        assert transport.unsent == 1
+        transport.tick(0.0)
+        transport.tick(0.0)
+        transport.send(b"setpoint")
         data, address = autopilot.recvfrom(100)
         assert data == b"setpoint"
         other.sendto(HEARTBEAT.raw, address)
         autopilot.sendto(ATTITUDE.raw, address)
-        assert heard(wire) == [ATTITUDE]
+        assert heard(transport) == [ATTITUDE]
 
 
 def test_udpout_to_where_nobody_listens_yet_goes_on() -> None:
     """The kernel reports the refusal at the next call: it is no reason to end anything."""
-    with opened(f"udpout://{HOST}:{free_port()}") as wire:
-        wire.tick(0.0)
+    with opened(f"udpout://{HOST}:{free_port()}") as transport:
+        transport.tick(0.0)
         for _ in range(4):
-            wire.send(b"anybody?")
+            transport.send(b"anybody?")
             time.sleep(0.01)
-        wire.receive(0.0)
-        assert 1 <= wire.unsent < 4
-        wire.tick(0.1)
-        assert wire.fileno() is not None
+        transport.receive(0.0)
+        assert 1 <= transport.unsent < 4
+        transport.tick(0.1)
+        assert transport.fileno() is not None
 
 
 def test_udpout_is_opened_anew_when_the_network_has_gone(monkeypatch: pytest.MonkeyPatch) -> None:
-    with opened(f"udpout://{HOST}:{free_port()}") as wire:
-        wire.tick(0.0)
-        wire.send(b"x" * 70_000)  # no network takes that: stands for any error that is not a refusal
-        assert wire.unsent == 1
-        wire.tick(1.0)
-        assert wire.fileno() is None
+    with opened(f"udpout://{HOST}:{free_port()}") as transport:
+        transport.tick(0.0)
+        transport.send(b"x" * 70_000)  # no network takes that: stands for any error that is not a refusal
+        assert transport.unsent == 1
+        transport.tick(1.0)
+        assert transport.fileno() is None
         with monkeypatch.context() as patch:
             patch.setattr(socket.socket, "connect_ex", lambda *_: 101)
-            wire.tick(1.0 + RETRY_S)
-            assert wire.fileno() is None
-            assert wire.problem == "Network is unreachable"
-        wire.tick(1.0 + 1.5 * RETRY_S)
-        assert wire.fileno() is None
-        wire.tick(1.0 + 2.0 * RETRY_S)
-        assert wire.fileno() is not None
-        assert wire.problem == ""
+            transport.tick(1.0 + RETRY_S)
+            assert transport.fileno() is None
+            assert transport.problem == "Network is unreachable"
+        transport.tick(1.0 + 1.5 * RETRY_S)
+        assert transport.fileno() is None
+        transport.tick(1.0 + 2.0 * RETRY_S)
+        assert transport.fileno() is not None
+        assert transport.problem == ""
 
 
 # --- TCP --------------------------------------------------------------------------------------------------------------
@@ -248,100 +248,100 @@ def test_udpout_is_opened_anew_when_the_network_has_gone(monkeypatch: pytest.Mon
 
 def test_tcpin_lets_one_client_in_at_a_time() -> None:
     port = free_port()
-    with opened(f"tcpin://{HOST}:{port}") as wire:
-        door = wire.fileno()
-        wire.tick(0.0)
-        wire.send(b"to nobody")
-        assert wire.unsent == 1
+    with opened(f"tcpin://{HOST}:{port}") as transport:
+        entry = transport.fileno()
+        transport.tick(0.0)
+        transport.send(b"to nobody")
+        assert transport.unsent == 1
         first = socket.create_connection((HOST, port))
         with first:
-            until(lambda: wire.receive(0.0) == [] and wire.fileno() != door)
-            assert wire.receive(0.0) == []
+            until(lambda: transport.receive(0.0) == [] and transport.fileno() != entry)
+            assert transport.receive(0.0) == []
             second = socket.create_connection((HOST, port))
             with second:
                 # In any pieces.
                 first.sendall(HEARTBEAT.raw[:7])
-                until(lambda: wire.receive(0.0) == [] and wire.fileno() != door)
+                until(lambda: transport.receive(0.0) == [] and transport.fileno() != entry)
                 first.sendall(HEARTBEAT.raw[7:])
-                assert heard(wire) == [HEARTBEAT]
-                wire.send(b"setpoint")
-                wire.tick(0.1)
+                assert heard(transport) == [HEARTBEAT]
+                transport.send(b"setpoint")
+                transport.tick(0.1)
                 assert first.recv(100) == b"setpoint"
                 # Half a message is left behind: it is not the beginning of what the next client says.
                 first.sendall(ATTITUDE.raw[:9])
                 first.close()
-                until(lambda: wire.receive(0.2) == [] and wire.fileno() == door)
-                assert wire.problem == "closed by the other end"
-                until(lambda: wire.receive(0.3) == [] and wire.fileno() != door)
-                assert wire.problem == ""
+                until(lambda: transport.receive(0.2) == [] and transport.fileno() == entry)
+                assert transport.problem == "closed by the other end"
+                until(lambda: transport.receive(0.3) == [] and transport.fileno() != entry)
+                assert transport.problem == ""
                 second.sendall(ATTITUDE.raw)
-                assert heard(wire, 0.3) == [ATTITUDE]
+                assert heard(transport, 0.3) == [ATTITUDE]
 
 
 def test_tcp_that_is_reset_is_lost_and_nothing_raises() -> None:
     port = free_port()
-    with opened(f"tcpin://{HOST}:{port}") as wire:
-        door = wire.fileno()
+    with opened(f"tcpin://{HOST}:{port}") as transport:
+        entry = transport.fileno()
         client = socket.create_connection((HOST, port))
-        until(lambda: wire.receive(0.0) == [] and wire.fileno() != door)
+        until(lambda: transport.receive(0.0) == [] and transport.fileno() != entry)
         client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
         client.close()
-        until(lambda: wire.receive(0.0) == [] and wire.fileno() == door)
-        wire.send(b"x")
-        assert wire.unsent == 1
+        until(lambda: transport.receive(0.0) == [] and transport.fileno() == entry)
+        transport.send(b"x")
+        assert transport.unsent == 1
 
 
 def test_tcpout_connects_loses_and_connects_again() -> None:
     listener = bound(socket.SOCK_STREAM)
     port = listener.getsockname()[1]
-    with opened(f"tcpout://{HOST}:{port}") as wire:
-        until(lambda: bool(ticked(wire, 0.0).problem))
-        assert wire.fileno() is None
-        assert wire.problem == "[Errno 111] Connection refused"
+    with opened(f"tcpout://{HOST}:{port}") as transport:
+        until(lambda: bool(ticked(transport, 0.0).problem))
+        assert transport.fileno() is None
+        assert transport.problem == "[Errno 111] Connection refused"
         listener.listen(1)
         now_s = RETRY_S
 
         def connected() -> bool:
             nonlocal now_s
             now_s += 0.01
-            wire.tick(now_s)
-            return wire.fileno() is not None
+            transport.tick(now_s)
+            return transport.fileno() is not None
 
         until(connected)
         server, _ = listener.accept()
         server.sendall(HEARTBEAT.raw)
-        assert heard(wire, now_s) == [HEARTBEAT]
+        assert heard(transport, now_s) == [HEARTBEAT]
         server.close()
-        until(lambda: wire.receive(now_s) == [] and wire.fileno() is None)
-        wire.tick(now_s)
-        assert wire.fileno() is None
+        until(lambda: transport.receive(now_s) == [] and transport.fileno() is None)
+        transport.tick(now_s)
+        assert transport.fileno() is None
         now_s += RETRY_S
         until(connected)
     listener.close()
 
 
 def test_tcpout_waits_for_an_answer_without_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    with opened(f"tcpout://{HOST}:{free_port()}") as wire:
+    with opened(f"tcpout://{HOST}:{free_port()}") as transport:
         monkeypatch.setattr(socket.socket, "connect_ex", lambda *_: 115)
-        wire.tick(0.0)
-        wire.tick(0.01)
-        assert wire.fileno() is None
-        assert wire.problem == ""
+        transport.tick(0.0)
+        transport.tick(0.01)
+        assert transport.fileno() is None
+        assert transport.problem == ""
 
 
 def test_a_stream_that_is_not_read_keeps_nothing_old() -> None:
     """A setpoint that waits in a connection arrives when it is no longer true: it is not sent at all."""
     port = free_port()
-    with opened(f"tcpin://{HOST}:{port}") as wire:
+    with opened(f"tcpin://{HOST}:{port}") as transport:
         client = socket.socket()
         client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         client.connect((HOST, port))
         with client:
-            door = wire.fileno()
-            until(lambda: wire.receive(0.0) == [] and wire.fileno() != door)
+            entry = transport.fileno()
+            until(lambda: transport.receive(0.0) == [] and transport.fileno() != entry)
             for _ in range(1000):
-                wire.send(b"y" * 250)
-            assert wire.unsent > 100
+                transport.send(b"y" * 250)
+            assert transport.unsent > 100
             client.settimeout(0.2)
             taken = 0
             with contextlib.suppress(TimeoutError):
@@ -356,24 +356,24 @@ def test_a_message_is_sent_whole_or_not_at_all() -> None:
     with ours, theirs:
         ours.setblocking(False)
         ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
-        outflow = Outflow(1 << 30)
+        writer = FrameWriter(1 << 30)
         # As large as it never comes, so that only a part of it is taken.
         piece = bytes(range(250)) * 400
-        assert outflow.put(ours.fileno(), piece)
-        assert not outflow.put(ours.fileno(), b"second")
+        assert writer.put(ours.fileno(), piece)
+        assert not writer.put(ours.fileno(), b"second")
         taken = b""
         theirs.settimeout(0.2)
         with contextlib.suppress(TimeoutError):
             while len(taken) < len(piece):
                 taken += theirs.recv(1000)
-                if outflow.put(ours.fileno(), b"second"):
+                if writer.put(ours.fileno(), b"second"):
                     break
             while True:
                 taken += theirs.recv(65536)
         assert taken == piece + b"second"
-        assert outflow.put(ours.fileno(), b"third")
+        assert writer.put(ours.fileno(), b"third")
         assert theirs.recv(100) == b"third"
-        outflow.restart()
+        writer.restart()
 
 
 # --- serial -----------------------------------------------------------------------------------------------------------
@@ -394,27 +394,27 @@ def terminal() -> Iterator[tuple[int, str]]:
 
 
 def test_serial_carries_messages_and_survives_unplugging() -> None:
-    with terminal() as (far, name), opened(f"serial://{name}:57600") as wire:
-        wire.tick(0.0)
-        assert wire.fileno() is not None
+    with terminal() as (far, name), opened(f"serial://{name}:57600") as transport:
+        transport.tick(0.0)
+        assert transport.fileno() is not None
         os.write(far, HEARTBEAT.raw + ATTITUDE.raw)
-        assert heard(wire, count=2) == [HEARTBEAT, ATTITUDE]
-        wire.send(b"setpoint")
+        assert heard(transport, count=2) == [HEARTBEAT, ATTITUDE]
+        transport.send(b"setpoint")
         until(lambda: os.read(far, 100) == b"setpoint")
         os.close(far)
-        until(lambda: wire.receive(5.0) == [] and wire.fileno() is None)
-        wire.send(b"gone")
-        assert wire.unsent == 1
-        wire.tick(5.1)
-        wire.tick(5.0 + RETRY_S)
-        assert wire.fileno() is None
-        assert "could not open port" in wire.problem
+        until(lambda: transport.receive(5.0) == [] and transport.fileno() is None)
+        transport.send(b"gone")
+        assert transport.unsent == 1
+        transport.tick(5.1)
+        transport.tick(5.0 + RETRY_S)
+        assert transport.fileno() is None
+        assert "could not open port" in transport.problem
 
 
 def test_a_serial_port_is_ours_alone() -> None:
-    with terminal() as (_, name), opened(f"serial://{name}") as wire, opened(f"serial://{name}") as second:
-        wire.tick(0.0)
-        assert wire.fileno() is not None
+    with terminal() as (_, name), opened(f"serial://{name}") as transport, opened(f"serial://{name}") as second:
+        transport.tick(0.0)
+        assert transport.fileno() is not None
         second.tick(0.0)
         assert second.fileno() is None
         assert second.problem
@@ -425,9 +425,9 @@ def test_a_port_that_is_no_serial_line_is_told(monkeypatch: pytest.MonkeyPatch) 
         raise termios.error(5, "Input/output error")
 
     monkeypatch.setattr(serial, "Serial", fails)
-    with opened("serial:///dev/ttyX:57600") as wire:
-        wire.tick(0.0)
-        assert wire.problem == "/dev/ttyX: (5, 'Input/output error')"
+    with opened("serial:///dev/ttyX:57600") as transport:
+        transport.tick(0.0)
+        assert transport.problem == "/dev/ttyX: (5, 'Input/output error')"
 
 
 def test_a_port_that_does_not_know_of_delays_is_taken_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -435,22 +435,22 @@ def test_a_port_that_does_not_know_of_delays_is_taken_all_the_same(monkeypatch: 
         raise ValueError("not supported")
 
     monkeypatch.setattr(serial.Serial, "set_low_latency_mode", unknown)
-    with terminal() as (_, name), opened(f"serial://{name}:57600") as wire:
-        wire.tick(0.0)
-        assert wire.fileno() is not None
+    with terminal() as (_, name), opened(f"serial://{name}:57600") as transport:
+        transport.tick(0.0)
+        assert transport.fileno() is not None
 
 
 # --- what comes and goes ----------------------------------------------------------------------------------------------
 
 
 def test_what_is_not_accepted_is_counted_and_goes_nowhere() -> None:
-    inflow = Inflow(lambda found: found if found.message_id == 0 else None, datagram=False)
-    assert inflow.frames(HEARTBEAT.raw + ATTITUDE.raw) == [HEARTBEAT]
-    assert inflow.refused == 1
-    inflow.frames(b"garbage")
-    inflow.restart()
-    inflow.frames(b"garbage")
-    assert inflow.bad == 2
+    reader = FrameReader(lambda found: found if found.message_id == 0 else None, datagram=False)
+    assert reader.frames(HEARTBEAT.raw + ATTITUDE.raw) == [HEARTBEAT]
+    assert reader.refused == 1
+    reader.frames(b"garbage")
+    reader.restart()
+    reader.frames(b"garbage")
+    assert reader.bad == 2
 
 
 def test_batches_hold_whole_messages_and_fit_into_a_datagram() -> None:
@@ -459,7 +459,7 @@ def test_batches_hold_whole_messages_and_fit_into_a_datagram() -> None:
     assert b"".join(found) == b"".join(one.raw for one in frames)
     assert max(map(len, found)) <= DATAGRAM_BYTES
     assert all(len(batch) > DATAGRAM_BYTES - 80 for batch in found[:-1])
-    inflow = Inflow(None, datagram=True)
-    assert sum(len(inflow.frames(batch)) for batch in found) == 200
-    assert inflow.bad == 0
+    reader = FrameReader(None, datagram=True)
+    assert sum(len(reader.frames(batch)) for batch in found) == 200
+    assert reader.bad == 0
     assert batches([]) == []
