@@ -9,6 +9,7 @@ either: PX4 still shows offboard after a failsafe landing.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.modes import mode_name
@@ -16,6 +17,23 @@ from companion.mavlink.modes import mode_name
 DISARMED = "disarmed"
 HEARTBEAT_LATE_S = 1.2
 """A heartbeat that is newer than an event by this much knows of it."""
+
+
+@dataclass(slots=True)
+class _Request:
+    """Modes that we have asked for.
+
+    Attributes:
+        modes: that are ours.
+        before: that may show until one of ours does.
+        may_disarm: whether the vehicle disarms in them without anybody's doing, as in a landing.
+        was_armed: whether it has been armed since.
+    """
+
+    modes: frozenset[int]
+    before: frozenset[int]
+    may_disarm: bool
+    was_armed: bool
 
 
 class ModeMonitor:
@@ -40,16 +58,13 @@ class ModeMonitor:
         self.confirmed = False
         self.taken_over: str | None = None
         self._kind = kind
-        self._ours: frozenset[int] | None = None
-        self._before: frozenset[int] = frozenset()
-        self._was_armed = False
-        self._may_disarm = False
+        self._request: _Request | None = None
         self._requests = 0
 
     @property
     def ours(self) -> frozenset[int]:
         """The modes asked for last; empty before anything was asked for."""
-        return frozenset() if self._ours is None else self._ours
+        return frozenset() if self._request is None else self._request.modes
 
     def maybe_armed(self, armed_s: float) -> bool:
         """Whether it is armed, or was at ``armed_s`` and no heartbeat can have said so yet; infinite: it was not."""
@@ -63,34 +78,32 @@ class ModeMonitor:
             may_disarm: whether the vehicle disarms in them without anybody's doing, as in a landing.
             passing: modes that may show on the way to them.
         """
-        self._before = self.ours | passing | (frozenset() if self.mode is None else {self.mode})
-        self._ours = modes
-        self._was_armed = self.armed
-        self._may_disarm = may_disarm
+        shown = frozenset() if self.mode is None else frozenset({self.mode})
+        self._request = _Request(modes, self.ours | passing | shown, may_disarm, self.armed)
         self.confirmed = False
         self._requests += 1
         return self._requests
 
-    def refused(self, request: int) -> None:
+    def refused(self, number: int) -> None:
         """This request came to nothing: the modes from before are ours, unless others were asked for since."""
-        if request != self._requests:
+        if self._request is None or number != self._requests:
             return
-        self._ours, self._before = self._before, frozenset()
-        self._may_disarm = False
+        self._request = _Request(self._request.before, frozenset(), False, self._request.was_armed)
         self.confirmed = True
 
     def heartbeat(self, custom_mode: int, armed: bool, received_s: float) -> None:
         """Judge one heartbeat. Each may be handed in more than once; one from the past is judged but not the newest."""
         if received_s >= self.heartbeat_s:
             self.mode, self.armed, self.heartbeat_s = custom_mode, armed, received_s
-        if self._ours is None or self.taken_over is not None:
+        request = self._request
+        if request is None or self.taken_over is not None:
             return
-        self._was_armed = self._was_armed or armed
-        if self._was_armed and not armed:
-            if not self._may_disarm:
+        request.was_armed = request.was_armed or armed
+        if request.was_armed and not armed:
+            if not request.may_disarm:
                 self.taken_over = DISARMED
             return
-        if custom_mode in self._ours:
+        if custom_mode in request.modes:
             self.confirmed = True
-        elif self.confirmed or custom_mode not in self._before:
+        elif self.confirmed or custom_mode not in request.before:
             self.taken_over = mode_name(self._kind, custom_mode)

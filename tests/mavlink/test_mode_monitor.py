@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from companion.mavlink.firmware import AutopilotKind
@@ -18,6 +20,18 @@ def engaged() -> ModeMonitor:
     watch.ask(frozenset({OFFBOARD}))
     watch.heartbeat(OFFBOARD, True, 2.0)
     return watch
+
+
+def test_a_new_monitor_knows_nothing() -> None:
+    """Protects the first moment: a vehicle whose heartbeat has not come is neither armed nor ours."""
+    watch = ModeMonitor(AutopilotKind.PX4)
+    assert (watch.mode, watch.armed, watch.heartbeat_s) == (None, False, -math.inf)
+    assert (watch.confirmed, watch.taken_over, watch.ours) == (False, None, frozenset())
+    watch.refused(0)
+    assert (watch.confirmed, watch.ours) == (False, frozenset())
+    watch.ask(frozenset({OFFBOARD}))
+    watch.heartbeat(POSITION, True, -5.0)
+    assert watch.taken_over == "position", "with no heartbeat before there is no mode before"
 
 
 def test_nothing_is_taken_over_before_anything_was_asked_for() -> None:
@@ -64,6 +78,36 @@ def test_any_other_mode_latches_for_good(mode: int) -> None:
 def test_a_disarmed_vehicle_in_our_mode_is_not_ours() -> None:
     """After a failsafe landing PX4 shows offboard, disarmed."""
     watch = engaged()
+    watch.heartbeat(OFFBOARD, False, 3.0)
+    assert watch.taken_over == DISARMED
+
+
+@pytest.mark.parametrize("armed_before", [True, False])
+def test_a_vehicle_that_disarms_without_having_been_told_to_is_not_ours(armed_before: bool) -> None:
+    """Whether it was armed before the request or after it, once armed it does not disarm by our doing."""
+    watch = ModeMonitor(AutopilotKind.PX4)
+    watch.heartbeat(HOLD, armed_before, 1.0)
+    watch.ask(frozenset({OFFBOARD}))
+    if not armed_before:
+        watch.heartbeat(HOLD, True, 2.0)
+        watch.heartbeat(OFFBOARD, True, 3.0)
+    watch.heartbeat(OFFBOARD, False, 4.0)
+    assert watch.taken_over == DISARMED
+
+
+def test_who_took_it_first_is_named() -> None:
+    """The pilot who takes over from a failsafe is not the reason why the flight ended."""
+    watch = engaged()
+    watch.heartbeat(HOLD, True, 3.0)
+    watch.heartbeat(POSITION, True, 4.0)
+    watch.heartbeat(POSITION, False, 5.0)
+    assert watch.taken_over == "hold"
+
+
+def test_a_refused_landing_does_not_allow_to_disarm() -> None:
+    watch = engaged()
+    watch.refused(watch.ask(frozenset({LAND}), may_disarm=True))
+    assert watch.confirmed
     watch.heartbeat(OFFBOARD, False, 3.0)
     assert watch.taken_over == DISARMED
 

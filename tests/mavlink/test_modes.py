@@ -36,6 +36,11 @@ def test_an_unknown_mode_is_named_by_its_number(kind: AutopilotKind, custom_mode
     assert mode_name(kind, custom_mode).startswith("mode ")
 
 
+def test_an_unknown_mode_of_px4_is_named_by_both_its_numbers() -> None:
+    assert mode_name(PX4, 12 << 16 | 7 << 24) == "mode 12/7"
+    assert mode_name(ARDUPILOT, 99) == "mode 99"
+
+
 def test_mode_requests_carry_the_measured_parameters() -> None:
     """DO_SET_MODE as measured: (1, 6, 0) is offboard on PX4, (1, 4) guided on ArduPilot."""
     px4, ardupilot = personality(PX4), personality(ARDUPILOT)
