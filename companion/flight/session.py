@@ -16,7 +16,7 @@ from companion.config.settings import Settings
 from companion.errors import InputError
 from companion.flight.gate_client import GateClient
 from companion.flight.tasks import background
-from companion.sensors.drivers import DriverContext, SensorDriver, load_drivers
+from companion.sensors.drivers.driver import DriverContext, SensorDriver, load_drivers
 from companion.sensors.sink import SensorSink
 from companion.sensors.synchronizer import Inputs
 

@@ -1,11 +1,4 @@
 """Sensor drivers: what talks to a camera or a rangefinder and puts its readings into the `SensorSink`.
 
-A driver is found by name through the entry-point group `companion.sensors`, so a package of yours adds one:
-
-    [project.entry-points."companion.sensors"]
-    my_camera = "my_package.my_camera:create"   # (Settings, DriverContext) -> SensorDriver
+`docs/drivers.md` says how a package of yours adds one; what it imports comes from `companion.sensors`.
 """
-
-from companion.sensors.drivers.driver import GROUP, DriverContext, DriverFactory, SensorDriver, load_drivers
-
-__all__ = ["GROUP", "DriverContext", "DriverFactory", "SensorDriver", "load_drivers"]

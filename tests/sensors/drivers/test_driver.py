@@ -12,8 +12,9 @@ import pytest
 from companion.autopilot.interface import Link
 from companion.config.settings import Settings
 from companion.errors import InputError
-from companion.sensors.drivers import DriverContext, SensorDriver, driver, load_drivers
+from companion.sensors.drivers import driver
 from companion.sensors.drivers.address import TcpAddress, UnixAddress, parse_address
+from companion.sensors.drivers.driver import DriverContext, SensorDriver, load_drivers
 from companion.sensors.sink import SensorSink
 from tests.sensors.clocks import HandClock
 from tests.sensors.drivers.links import FakeLink
