@@ -1,4 +1,4 @@
-"""Where drivers put what they measured: the newest of each stream and nothing older, from any thread."""
+"""The sink of the drivers: the newest reading of each stream and nothing older, from any thread."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class RawPlanar:
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """What came since the sink was last emptied: the newest of each stream."""
+    """The newest of each stream since the sink was last emptied."""
 
     depth: RawDepth | None
     ranges: tuple[RangeReading, ...]
@@ -77,7 +77,7 @@ class Taken:
 class SensorSink:
     """Newest-only store between the drivers and the tick.
 
-    Nothing here raises for what a sensor said: a reading that cannot be right is refused and counted with its reason.
+    No reading raises: one that cannot be right is refused and counted with its reason.
     Stamps are in seconds of ``clock``; each stream's stamps must rise. Arrays are handed over, not copied: a driver
     must not write to one that it has given away.
 
@@ -106,7 +106,7 @@ class SensorSink:
             reason = _range_problem(reading)
             with self._lock:
                 if self._accepts(reading.beam.value, reading.t_s, reason):
-                    self._ranges[reading.beam] = _tidy(reading)
+                    self._ranges[reading.beam] = _normalized(reading)
 
     def planar(self, scan: RawPlanar) -> None:
         """Offer one turn of a planar scanner: bearings ascending in [-π, π); NaN is missing, infinity free."""
@@ -120,7 +120,7 @@ class SensorSink:
                 self._planar = replace(scan, bearings_rad=bearings_rad, ranges_m=ranges_m)
 
     def drop(self, stream: str, reason: str) -> None:
-        """Count a reading which somebody else had to refuse: its driver, or who knows where the vehicle was then.
+        """Count a reading that was refused elsewhere: by its driver, or for the pose at its time.
 
         Args:
             stream: one of `STREAMS`.
@@ -137,7 +137,7 @@ class SensorSink:
         return taken
 
     def statistics(self, now_s: float) -> dict[str, StreamStatistics]:
-        """How each of `STREAMS` does at ``now_s``."""
+        """Rate, age and refusals of each of `STREAMS` at ``now_s``."""
         with self._lock:
             return {name: stream.statistics(now_s) for name, stream in self._streams.items()}
 
@@ -240,7 +240,7 @@ def _range_problem(reading: RangeReading) -> str | None:
     return NOT_POSITIVE if range_m < 0.0 else None
 
 
-def _tidy(reading: RangeReading) -> RangeReading:
+def _normalized(reading: RangeReading) -> RangeReading:
     if reading.range_m is None or math.isfinite(reading.range_m):
         return reading
     return replace(reading, range_m=None if math.isnan(reading.range_m) else reading.max_range_m)

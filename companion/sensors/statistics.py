@@ -1,4 +1,4 @@
-"""How a stream of readings does: its rate, its age, and what was refused of it and why."""
+"""Statistics of a stream of readings: its rate, its age, and what was refused of it and why."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MOST_ARRIVALS = 512
 
 @dataclass(frozen=True, slots=True)
 class StreamStatistics:
-    """How one stream does.
+    """Rate, age and refusals of one stream.
 
     Attributes:
         rate_hz: accepted readings a second, over the last 2 s; up to 256.
@@ -36,7 +36,7 @@ class StreamStatistics:
 
 
 class Stream:
-    """What is known of one stream; the lock of the sink that it belongs to guards it."""
+    """Counts and arrivals of one stream; guarded by the lock of its sink."""
 
     def __init__(self) -> None:
         self.newest_s = -math.inf
@@ -53,12 +53,12 @@ class Stream:
         self._arrivals_s.append(now_s)
 
     def refuse(self, reason: str) -> None:
-        """Count one that is not taken, under its reason or among the others when there are too many of them."""
+        """Count a refusal under its reason, or under `OTHER` when there are too many of them."""
         known = reason in self.reasons or len(self.reasons) < _MOST_REASONS
         self.reasons[reason if known else OTHER] += 1
 
     def statistics(self, now_s: float) -> StreamStatistics:
-        """How it does at ``now_s``."""
+        """Its rate, age and refusals at ``now_s``."""
         begin_s = max(self._first_s, now_s - RATE_WINDOW_S)
         # Strictly later than the beginning: n + 1 arrivals from the first on are n periods.
         arrived = sum(begin_s < arrival_s <= now_s for arrival_s in self._arrivals_s)

@@ -1,4 +1,4 @@
-"""What one tick sees: the newest of every stream, each depth image paired with the pose at its own exposure."""
+"""The observation of one tick: the newest of every stream, each depth image paired with the pose at its exposure."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from companion.sensors.sink import DEPTH, FROZEN, PLANAR, RawDepth, RawPlanar, S
 from companion.sensors.stuck import FrozenBeam, FrozenImages
 
 POSE_WAIT_S = 0.3
-"""What has no pose after this long is dropped: poses come 20 to 50 ms late, and a gap in them does not close."""
+"""A reading still without a pose is dropped then: poses come 20 to 50 ms late, and a gap in them does not close."""
 
 WAITING = 8
 """Images that may wait for their poses: at 20 ticks a second more than `POSE_WAIT_S` of them."""
 
-TELL_AGAIN_S = 10.0
-"""Between two lines of the log about the same sensor."""
+LOG_AGAIN_S = 10.0
+"""Between two log lines about the same sensor."""
 
 _log = logging.getLogger(__name__)
 
@@ -30,7 +30,7 @@ Raw = TypeVar("Raw", RawDepth, RawPlanar)
 
 
 class _Waiting(Generic[Raw]):
-    """Readings that have arrived before the pose of their time was known for sure."""
+    """Readings that wait for the pose of their time."""
 
     def __init__(self) -> None:
         self.dropped = 0
@@ -41,7 +41,7 @@ class _Waiting(Generic[Raw]):
         self._queue.append(raw)
 
     def newest_placed(self, poses: PoseBuffer, now_s: float) -> tuple[Raw, Pose] | None:
-        """The newest that can be placed; older ones have been overtaken by it and are gone."""
+        """The newest that can be placed, with its pose; older ones have been overtaken by it and are dropped."""
         while self._queue and now_s - self._queue[0].t_s > POSE_WAIT_S:
             self._queue.popleft()
             self.dropped += 1
@@ -57,11 +57,11 @@ class _Waiting(Generic[Raw]):
 
 
 class Inputs:
-    """Takes what drivers and telemetry have brought, and makes an `Observation` of it.
+    """Makes an `Observation` of what drivers and telemetry have brought.
 
-    An image may arrive before the pose sample behind its exposure: it waits for it, so that a frame taken in a turn is
-    placed where it was taken. A picture or a reading that stands still while the vehicle moves is left out, and counted
-    in the statistics of the sink: what it was to keep fresh becomes stale, and the vehicle stops.
+    An image may arrive before the pose sample that follows its exposure: it waits for that, so that a frame taken in a
+    turn is placed where it was taken. An image or a reading that is frozen while the vehicle moves is left out and
+    counted in the statistics of the sink: its stream becomes stale, and the vehicle stops.
 
     Args:
         sink: the readings of the sensors.
@@ -73,9 +73,9 @@ class Inputs:
         self._poses = poses
         self._depth: _Waiting[RawDepth] = _Waiting()
         self._planar: _Waiting[RawPlanar] = _Waiting()
-        self._pictures = {DEPTH: FrozenImages(), PLANAR: FrozenImages()}
+        self._images = {DEPTH: FrozenImages(), PLANAR: FrozenImages()}
         self._beams = {beam: FrozenBeam() for beam in Beam}
-        self._told_s: dict[str, float] = {}
+        self._logged_s: dict[str, float] = {}
 
     @property
     def unpaired(self) -> int:
@@ -102,28 +102,28 @@ class Inputs:
 
     def _newest_frame(self, now_s: float) -> DepthFrame | None:
         placed = self._depth.newest_placed(self._poses, now_s)
-        if placed is None or self._is_frozen_picture(DEPTH, placed[0].depth_m, placed[1], now_s):
+        if placed is None or self._is_frozen_image(DEPTH, placed[0].depth_m, placed[1], now_s):
             return None
         raw, pose = placed
         return DepthFrame(raw.t_s, raw.depth_m, raw.camera, pose)
 
     def _newest_scan(self, now_s: float) -> PlanarScan | None:
         placed = self._planar.newest_placed(self._poses, now_s)
-        if placed is None or self._is_frozen_picture(PLANAR, placed[0].ranges_m, placed[1], now_s):
+        if placed is None or self._is_frozen_image(PLANAR, placed[0].ranges_m, placed[1], now_s):
             return None
         raw, pose = placed
         return PlanarScan(raw.t_s, raw.bearings_rad, raw.ranges_m, raw.max_range_m, pose)
 
-    def _is_frozen_picture(self, stream: str, values: NDArray[np.floating], pose: Pose, now_s: float) -> bool:
-        return self._pictures[stream].repeats(values, pose) and self._refuse(stream, now_s)
+    def _is_frozen_image(self, stream: str, values: NDArray[np.floating], pose: Pose, now_s: float) -> bool:
+        return self._images[stream].repeats(values, pose) and self._refuse(stream, now_s)
 
     def _is_frozen_beam(self, reading: RangeReading, pose: Pose, now_s: float) -> bool:
         return self._beams[reading.beam].repeats(reading, pose) and self._refuse(reading.beam.value, now_s)
 
     def _refuse(self, stream: str, now_s: float) -> bool:
-        """Always true: count what stands still, and tell of it now and then."""
+        """Always true: counts the frozen reading, and logs it now and then."""
         self._sink.drop(stream, FROZEN)
-        if now_s - self._told_s.get(stream, -math.inf) > TELL_AGAIN_S:
-            self._told_s[stream] = now_s
-            _log.warning("%s stands still while the vehicle moves: it does not count until it changes", stream)
+        if now_s - self._logged_s.get(stream, -math.inf) > LOG_AGAIN_S:
+            self._logged_s[stream] = now_s
+            _log.warning("%s is frozen while the vehicle moves: ignored until it changes", stream)
         return True

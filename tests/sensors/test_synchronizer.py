@@ -106,7 +106,7 @@ def test_an_image_whose_pose_never_comes_is_dropped_and_counted() -> None:
     assert late.frame is None
 
 
-def test_what_stands_still_is_left_out_counted_and_told_now_and_then(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_frozen_image_is_left_out_counted_and_logged_now_and_then(caplog: pytest.LogCaptureFixture) -> None:
     """Protects map and law from old pictures under new poses, and the log from a line for each of them."""
     scene = Scene()
     frames = 0
@@ -122,7 +122,7 @@ def test_what_stands_still_is_left_out_counted_and_told_now_and_then(caplog: pyt
     assert frames == 2
     assert scene.sink.statistics(112.0)[DEPTH].reasons == {FROZEN: 238}
     assert [record.getMessage() for record in caplog.records] == [
-        "depth stands still while the vehicle moves: it does not count until it changes"
+        "depth is frozen while the vehicle moves: ignored until it changes"
     ] * 2
     assert scene.inputs.unpaired == 0
 

@@ -1,4 +1,4 @@
-"""What a sensor driver is, and how one is found by its name."""
+"""The protocol of sensor drivers, and how one is found by its name."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ GROUP = "companion.sensors"
 
 @runtime_checkable
 class SensorDriver(Protocol):
-    """Something that measures, until it is cancelled."""
+    """A source of readings that runs until it is cancelled."""
 
     name: str
 
@@ -39,7 +39,7 @@ class SensorDriver(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class DriverContext:
-    """What drivers share.
+    """The surroundings that all drivers share.
 
     Attributes:
         clock: the clock in which every reading is stamped.
@@ -51,7 +51,7 @@ class DriverContext:
 
 
 DriverFactory = Callable[[Settings, DriverContext], SensorDriver]
-"""What an entry point of the group names; raises InputError for settings that can never work."""
+"""The function that an entry point names; raises InputError for settings that can never work."""
 
 
 def load_drivers(settings: Settings, context: DriverContext) -> tuple[SensorDriver, ...]:

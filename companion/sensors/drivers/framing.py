@@ -35,7 +35,7 @@ PREFIX_BYTES = _PREFIX.size + _CRC.size
 
 
 class FramingError(CompanionError):
-    """What came over the stream is not this format; the connection has to be closed."""
+    """The bytes of the stream are not of this format; the connection has to be closed."""
 
 
 def encode_camera(camera: Camera) -> bytes:

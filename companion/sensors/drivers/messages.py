@@ -1,4 +1,4 @@
-"""What is said over the sensor stream: the messages, and how each is read from its header and payload."""
+"""The messages of the sensor stream, and how each is read from its header and payload."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOST_READINGS = 64
 
 
 class Kind(enum.IntEnum):
-    """What a message is."""
+    """The kinds of messages, as numbered on the wire."""
 
     CAMERA = 1
     DEPTH = 2
@@ -63,7 +63,7 @@ Message = Camera | DepthImage | Ranges | RawPlanar | Ping | Pong
 
 Bytes = NDArray[np.uint8]
 Pending = tuple[int, Callable[[Bytes], Message]]
-"""How many bytes of payload belong to a header, and what makes the message of them."""
+"""The payload bytes that belong to a header, and the function that makes the message of them."""
 
 
 def _number(header: Mapping[str, Any], name: str) -> float:
@@ -135,4 +135,4 @@ READERS: Mapping[int, Callable[[Mapping[str, Any]], Pending]] = {
     Kind.PING: _read_ping,
     Kind.PONG: _read_pong,
 }
-"""What makes a message of a header; raises ValueError, TypeError, KeyError or OverflowError for a wrong one."""
+"""The reader of each kind of header; raises ValueError, TypeError, KeyError or OverflowError for a wrong one."""

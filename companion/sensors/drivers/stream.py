@@ -31,7 +31,7 @@ FAST_PINGS, FAST_PING_S, PING_S = 10, 0.5, 2.0
 """The first five seconds find the offset of the clocks, the rest of the time its drift."""
 
 MOST_UNANSWERED = 3
-"""Pings in a row with nothing at all coming back: the other end, or the way to it, is gone without a word."""
+"""Pings in a row with nothing at all coming back: the other end, or the connection to it, is gone."""
 
 _log = logging.getLogger(__name__)
 
@@ -42,7 +42,7 @@ def create(settings: Settings, context: DriverContext) -> StreamDriver:
 
 
 class StreamDriver:
-    """Receives one sensor stream, for ever: connects, and connects again.
+    """Client of one sensor stream, which connects again whenever the connection ends.
 
     Args:
         url: `tcp://host:port` or `unix:///path`.
@@ -63,7 +63,7 @@ class StreamDriver:
 
     @property
     def problem(self) -> str | None:
-        """Why nothing comes, for a person; None while connected."""
+        """The reason why nothing arrives, for a person; None while connected."""
         return self._problem
 
     @property

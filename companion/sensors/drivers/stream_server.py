@@ -67,12 +67,12 @@ class StreamServer:
 
     @property
     def url(self) -> str:
-        """Where clients connect to."""
+        """The address that clients connect to."""
         return self._url
 
     @property
     def client_count(self) -> int:
-        """How many are connected."""
+        """The number of connected clients."""
         return len(self._clients)
 
     async def __aenter__(self) -> Self:
@@ -188,7 +188,7 @@ class _Client(asyncio.BufferedProtocol):
             self.send(encode_pong(Pong(message.sent_s, self._clock.now_s())), SMALL_BACKLOG_BYTES)
 
     def send(self, data: bytes, most_waiting_bytes: int) -> bool:
-        """Send unless more than that is still waiting; whether it was sent."""
+        """Send unless more than ``most_waiting_bytes`` are still queued; whether it was sent."""
         transport = self._transport
         if transport is None or transport.is_closing() or transport.get_write_buffer_size() > most_waiting_bytes:
             return False
@@ -202,6 +202,6 @@ class _Client(asyncio.BufferedProtocol):
             self._transport.abort()
 
     def abort_if_silent(self) -> None:
-        """Close when nothing has been heard for so long that nobody can be there."""
+        """Close a connection on which nothing has been received for `SILENT_S`."""
         if self._clock.now_s() - self._heard_s > SILENT_S:
             self.abort()

@@ -47,24 +47,20 @@ def named(*names: str) -> Settings:
 
 
 @pytest.mark.parametrize("name", ["stream", "mavlink"])
-def test_every_driver_stops_when_it_is_cancelled(name: str) -> None:
+async def test_every_driver_stops_when_it_is_cancelled(name: str) -> None:
     """The contract: found by its name, runs until cancelled, is gone then, and can be run again."""
-
-    async def scenario() -> None:
-        (loaded,) = load_drivers(named(name), context(cast("Link", FakeLink())))
-        assert isinstance(loaded, SensorDriver)
-        assert loaded.name == name
-        for _ in range(2):
-            task = asyncio.create_task(loaded.run(SensorSink(HandClock())))
-            await asyncio.sleep(0.05)
-            assert not task.done(), "a device that is not there is waited for"
-            task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                async with asyncio.timeout(2.0):
-                    await task
-            assert task.cancelled()
-
-    asyncio.run(scenario())
+    (loaded,) = load_drivers(named(name), context(cast("Link", FakeLink())))
+    assert isinstance(loaded, SensorDriver)
+    assert loaded.name == name
+    for _ in range(2):
+        task = asyncio.create_task(loaded.run(SensorSink(HandClock())))
+        await asyncio.sleep(0.05)
+        assert not task.done(), "a device that is not there is waited for"
+        task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            async with asyncio.timeout(2.0):
+                await task
+        assert task.cancelled()
 
 
 def test_drivers_come_in_the_order_of_the_settings() -> None:

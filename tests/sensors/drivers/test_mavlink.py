@@ -70,21 +70,18 @@ async def bench() -> AsyncIterator[Bench]:
             await task
 
 
-def taken_ranges(fields: dict[str, Any]) -> tuple[RangeReading, ...]:
-    async def scenario() -> tuple[RangeReading, ...]:
-        async with bench() as b:
-            return b.says(DISTANCE, fields).ranges
-
-    return asyncio.run(scenario())
+async def taken_ranges(fields: dict[str, Any]) -> tuple[RangeReading, ...]:
+    async with bench() as b:
+        return b.says(DISTANCE, fields).ranges
 
 
 @pytest.mark.parametrize(
     ("orientation", "beam"),
     [(0, Beam.FRONT), (2, Beam.RIGHT), (4, Beam.BACK), (6, Beam.LEFT), (24, Beam.UP), (25, Beam.DOWN)],
 )
-def test_each_orientation_is_its_beam(orientation: int, beam: Beam) -> None:
+async def test_each_orientation_is_its_beam(orientation: int, beam: Beam) -> None:
     """Left and right swapped would steer into the wall; the stamp is the arrival, the length in metres."""
-    assert taken_ranges(distance(orientation=orientation)) == (RangeReading(beam, NOW_S, 1.5, 8.0),)
+    assert await taken_ranges(distance(orientation=orientation)) == (RangeReading(beam, NOW_S, 1.5, 8.0),)
 
 
 @pytest.mark.parametrize(
@@ -99,9 +96,9 @@ def test_each_orientation_is_its_beam(orientation: int, beam: Beam) -> None:
         pytest.param({"signal_quality": None}, 1.5, id="signal quality not sent"),
     ],
 )
-def test_what_a_distance_means(changed: dict[str, Any], range_m: float | None) -> None:
+async def test_what_a_distance_means(changed: dict[str, Any], range_m: float | None) -> None:
     """A failed reading is missing, not free and not 0 m; what has no quality is believed, as most sensors have none."""
-    (reading,) = taken_ranges(distance(**changed))
+    (reading,) = await taken_ranges(distance(**changed))
     assert reading.range_m == range_m
 
 
@@ -117,53 +114,41 @@ def test_what_a_distance_means(changed: dict[str, Any], range_m: float | None) -
         {"min_distance": True},
     ],
 )
-def test_a_malformed_distance_is_counted(changed: dict[str, Any]) -> None:
+async def test_a_malformed_distance_is_counted(changed: dict[str, Any]) -> None:
     """JSON makes null of a NaN: neither may crash, nor become a range."""
-
-    async def scenario() -> None:
-        async with bench() as b:
-            assert b.says(DISTANCE, distance(**changed)).ranges == ()
-            assert b.reasons("down") == {mavlink.MALFORMED}
-
-    asyncio.run(scenario())
+    async with bench() as b:
+        assert b.says(DISTANCE, distance(**changed)).ranges == ()
+        assert b.reasons("down") == {mavlink.MALFORMED}
 
 
-def test_only_our_vehicle_is_heard_but_any_component_of_it() -> None:
+async def test_only_our_vehicle_is_heard_but_any_component_of_it() -> None:
     """Another vehicle's height above ground, believed, would end on the ground."""
-
-    async def scenario() -> None:
-        async with bench() as b:
-            assert b.says(DISTANCE, distance(), system_id=2).ranges == ()
-            assert b.says(DISTANCE, distance(orientation=12)).ranges == ()
-            assert len(b.says(DISTANCE, distance(), component_id=197).ranges) == 1
-
-    asyncio.run(scenario())
+    async with bench() as b:
+        assert b.says(DISTANCE, distance(), system_id=2).ranges == ()
+        assert b.says(DISTANCE, distance(orientation=12)).ranges == ()
+        assert len(b.says(DISTANCE, distance(), component_id=197).ranges) == 1
 
 
 @pytest.mark.parametrize(
     ("name", "fields"), [(DISTANCE, distance(time_boot_ms=5000)), (OBSTACLES, obstacles(time_usec=5_000_000))]
 )
-def test_a_replayed_message_is_not_fresh(name: str, fields: dict[str, Any]) -> None:
+async def test_a_replayed_message_is_not_fresh(name: str, fields: dict[str, Any]) -> None:
     """The same stamp again, or an older one, is an old reading however late it arrives; a reboot is not a replay."""
     stamp, step = ("time_boot_ms", 1) if name == DISTANCE else ("time_usec", 1000)
+    async with bench() as b:
 
-    async def scenario() -> None:
-        async with bench() as b:
+        def comes(stamp_ms: int, received_s: float, **sender: int) -> bool:
+            taken = b.says(name, {**fields, stamp: stamp_ms * step}, received_s, **sender)
+            return taken != Taken(None, (), None)
 
-            def comes(stamp_ms: int, received_s: float, **sender: int) -> bool:
-                taken = b.says(name, {**fields, stamp: stamp_ms * step}, received_s, **sender)
-                return taken != Taken(None, (), None)
-
-            assert comes(5000, 100.0)
-            assert not comes(5000, 100.1)
-            assert not comes(4900, 100.2)
-            assert comes(5100, 100.3)
-            assert comes(4000, 100.4, component_id=158), "another sender has its own stamps"
-            assert comes(100, 102.0), "rebooted"
-            assert comes(0, 102.1), "senders without a clock send zero"
-            assert comes(0, 102.2)
-
-    asyncio.run(scenario())
+        assert comes(5000, 100.0)
+        assert not comes(5000, 100.1)
+        assert not comes(4900, 100.2)
+        assert comes(5100, 100.3)
+        assert comes(4000, 100.4, component_id=158), "another sender has its own stamps"
+        assert comes(100, 102.0), "rebooted"
+        assert comes(0, 102.1), "senders without a clock send zero"
+        assert comes(0, 102.2)
 
 
 def test_sectors_turn_the_other_way_round() -> None:
@@ -235,16 +220,12 @@ def test_the_fine_increment_wins() -> None:
         ({"angle_offset": 1e30}, mavlink.MALFORMED),
     ],
 )
-def test_obstacles_that_make_no_sense_are_counted(changed: dict[str, Any], reason: str) -> None:
+async def test_obstacles_that_make_no_sense_are_counted(changed: dict[str, Any], reason: str) -> None:
     """Bearings from north, taken for bearings from the heading, would show walls where there are none."""
-
-    async def scenario() -> None:
-        async with bench() as b:
-            assert b.says(OBSTACLES, obstacles(**changed)).planar is None
-            assert b.reasons("planar") == {reason}
-            assert b.says(OBSTACLES, obstacles(), NOW_S + 0.1).planar is not None
-
-    asyncio.run(scenario())
+    async with bench() as b:
+        assert b.says(OBSTACLES, obstacles(**changed)).planar is None
+        assert b.reasons("planar") == {reason}
+        assert b.says(OBSTACLES, obstacles(), NOW_S + 0.1).planar is not None
 
 
 values = (
@@ -256,43 +237,31 @@ values = (
     changed=st.dictionaries(st.sampled_from([*distance(), *obstacles()]), values),
     name=st.sampled_from([DISTANCE, OBSTACLES]),
 )
-def test_nothing_in_a_message_raises(changed: dict[str, Any], name: str) -> None:
+async def test_nothing_in_a_message_raises(changed: dict[str, Any], name: str) -> None:
     """Fuzzed fields: ignored, counted, or a sound reading."""
-
-    async def scenario() -> None:
-        async with bench() as b:
-            taken = b.says(name, {**(distance() if name == DISTANCE else obstacles()), **changed})
-            for reading in taken.ranges:
-                assert reading.range_m is None or math.isfinite(reading.range_m)
-            if taken.planar is not None:
-                assert (np.isnan(taken.planar.ranges_m) | (taken.planar.ranges_m > 0.0)).all()
-
-    asyncio.run(scenario())
+    async with bench() as b:
+        taken = b.says(name, {**(distance() if name == DISTANCE else obstacles()), **changed})
+        for reading in taken.ranges:
+            assert reading.range_m is None or math.isfinite(reading.range_m)
+        if taken.planar is not None:
+            assert (np.isnan(taken.planar.ranges_m) | (taken.planar.ranges_m > 0.0)).all()
 
 
-def test_silent_messages_are_asked_for_and_coming_ones_are_not(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_silent_messages_are_asked_for_and_coming_ones_are_not(monkeypatch: pytest.MonkeyPatch) -> None:
     """ArduPilot sends no ranges unasked; a refusal, or a link that is gone, does not end the driver."""
     monkeypatch.setattr(mavlink, "SILENT_S", 0.01)
     monkeypatch.setattr(mavlink, "ASK_AGAIN_S", 0.02)
-
-    async def scenario() -> None:
-        async with bench() as b:
-            b.link.fails = LinkError("no answer")
-            b.says(DISTANCE, distance(), NOW_S)
-            async with asyncio.timeout(5.0):
-                for _ in range(2):
-                    await b.link.asked.acquire()
-            assert set(b.link.commands) == {(511, 330.0, 200_000.0)}
-
-    asyncio.run(scenario())
+    async with bench() as b:
+        b.link.fails = LinkError("no answer")
+        b.says(DISTANCE, distance(), NOW_S)
+        async with asyncio.timeout(5.0):
+            for _ in range(2):
+                await b.link.asked.acquire()
+        assert set(b.link.commands) == {(511, 330.0, 200_000.0)}
 
 
-def test_after_the_end_nothing_is_taken() -> None:
+async def test_after_the_end_nothing_is_taken() -> None:
     """A subscription outlives the driver: what comes then goes nowhere."""
-
-    async def scenario() -> None:
-        async with bench() as b:
-            pass
-        assert b.says(DISTANCE, distance()).ranges == ()
-
-    asyncio.run(scenario())
+    async with bench() as b:
+        pass
+    assert b.says(DISTANCE, distance()).ranges == ()
