@@ -9,6 +9,7 @@ import tomllib
 from collections.abc import Iterator
 from functools import cache
 from importlib.metadata import entry_points
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -102,17 +103,14 @@ def commands(text: str) -> Iterator[str]:
         )
         if found:
             typed = found[1].partition("  #")[0].replace("\\|", "|")
-            head, *rest = typed.split()
-            alternatives = rest[0].split("|") if rest and "|" in rest[0] else rest[:1]
-            for word in alternatives or [""]:
-                yield " ".join((head, word, *rest[1:]))
+            yield from map(" ".join, product(*(word.split("|") for word in typed.split())))
 
 
 def test_what_is_looked_for_is_found() -> None:
     """A pattern that matches nothing would let everything pass."""
     text = "`gate/gate.py`, `companion map a|b --c`\n```\n$ .venv/bin/companion run  # docs/x\ncat docker/y.z\n```\n"
     assert list(paths(text)) == ["gate/gate.py", "docs/x", "docker/y.z"]
-    assert list(commands(text)) == ["run ", "map a --c", "map b --c"]
+    assert list(commands(text)) == ["run", "map a --c", "map b --c"]
     assert exists("gate/gate.py")
     assert not exists("gate/gat.py")
 
