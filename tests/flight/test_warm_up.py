@@ -11,12 +11,12 @@ import pytest
 SCRIPT = """
 import importlib, pkgutil
 from numba.core.dispatcher import Dispatcher
-import companion.control, companion.sensors
+import companion.control, companion.perception
 from companion.config.load import load_settings
 from companion.flight.warm_up import warm_up
 
 warm_up(load_settings(None, "flight"))
-for room in (companion.control, companion.sensors):
+for room in (companion.control, companion.perception):
     for found in pkgutil.iter_modules(room.__path__, room.__name__ + "."):
         if not found.ispkg:
             module = importlib.import_module(found.name)
