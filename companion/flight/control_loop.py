@@ -11,7 +11,7 @@ from typing import Protocol
 from companion.flight.rate import Pace
 from companion.model import Measurement, Mode, Observation, Pose, Setpoint
 from companion.pipeline import Explorer
-from companion.sensors.synchronizer import Inputs
+from companion.sensors.synchronizer import Synchronizer
 
 
 class Helm(Protocol):
@@ -78,7 +78,7 @@ class Pilot:
 
     def __init__(
         self,
-        inputs: Inputs,
+        inputs: Synchronizer,
         explorer: Explorer,
         pace: Pace,
         helm: Helm | None,

@@ -18,7 +18,7 @@ from companion.flight.gate_client import GateClient
 from companion.flight.tasks import background
 from companion.sensors.drivers.driver import DriverContext, SensorDriver, load_drivers
 from companion.sensors.sink import SensorSink
-from companion.sensors.synchronizer import Inputs
+from companion.sensors.synchronizer import Synchronizer
 
 DRIVER_REST_S = 1.0
 """A driver that failed is started again after this long."""
@@ -35,7 +35,7 @@ class Session:
     link: Link
     telemetry: Telemetry
     sink: SensorSink
-    inputs: Inputs
+    inputs: Synchronizer
     gate: GateClient
 
 
@@ -54,7 +54,7 @@ async def open_session(settings: Settings, clock: Clock, gate: GateClient) -> As
         sink = SensorSink(clock)
         drivers = load_drivers(settings, DriverContext(clock, link))
         async with background(telemetry.run(), *(_keep_running(driver, sink) for driver in drivers)):
-            yield Session(settings, clock, link, telemetry, sink, Inputs(sink, telemetry.poses), gate)
+            yield Session(settings, clock, link, telemetry, sink, Synchronizer(sink, telemetry.poses), gate)
 
 
 async def _keep_running(driver: SensorDriver, sink: SensorSink) -> None:

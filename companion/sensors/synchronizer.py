@@ -56,7 +56,7 @@ class _Waiting(Generic[Raw]):
         return None
 
 
-class Inputs:
+class Synchronizer:
     """Makes an `Observation` of what drivers and telemetry have brought.
 
     An image may arrive before the pose sample that follows its exposure: it waits for that, so that a frame taken in a

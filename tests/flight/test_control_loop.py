@@ -12,7 +12,7 @@ from companion.model import Beam, Measurement, Mode, Pose, RangeReading, Setpoin
 from companion.pipeline import Explorer
 from companion.pose_buffer import PoseBuffer
 from companion.sensors.sink import RawDepth, SensorSink
-from companion.sensors.synchronizer import Inputs
+from companion.sensors.synchronizer import Synchronizer
 from tests.autopilot.fake_link import HandClock
 
 SETTINGS = load_settings(None, "flight")
@@ -55,7 +55,7 @@ class Bench:
         self.gate = Gate(self.helm)
         self.seen: list[TickRecord] = []
         self.pilot = Pilot(
-            Inputs(self.sink, self.poses),
+            Synchronizer(self.sink, self.poses),
             Explorer(SETTINGS, np.random.default_rng(1)),
             Pace(self.clock, 0.05),
             self.helm,
@@ -187,7 +187,7 @@ def test_a_tick_that_fails_is_none(fails: str, monkeypatch: pytest.MonkeyPatch) 
     def broken(*_: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(Inputs if fails == "observe" else Explorer, fails, broken)
+    monkeypatch.setattr(Synchronizer if fails == "observe" else Explorer, fails, broken)
     with pytest.raises(ZeroDivisionError):
         bench.tick()
     assert len(bench.gate.beats) == 1

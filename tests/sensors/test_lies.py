@@ -21,7 +21,7 @@ from companion.pose_buffer import PoseBuffer
 from companion.sensors import sink as words
 from companion.sensors.sink import DEPTH, PLANAR, RawDepth, RawPlanar, SensorSink
 from companion.sensors.stuck import MOVED_M
-from companion.sensors.synchronizer import Inputs
+from companion.sensors.synchronizer import Synchronizer
 from tests.perception.scenes import FLOOR, H_M, ROOF, render, wall_ahead, wall_beside
 from tests.sensors.clocks import HandClock
 
@@ -81,7 +81,7 @@ class Flight:
         self.clock = HandClock(START_S)
         self.sink = SensorSink(self.clock)
         self._poses = PoseBuffer()
-        self._inputs = Inputs(self.sink, self._poses)
+        self._inputs = Synchronizer(self.sink, self._poses)
         self._extractor = Extractor(SETTINGS, VehicleSettings())
         self._tick = 0
 

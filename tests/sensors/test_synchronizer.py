@@ -12,7 +12,7 @@ from companion.config.sensors import CameraSettings
 from companion.model import Beam, RangeReading
 from companion.pose_buffer import PoseBuffer
 from companion.sensors.sink import DEPTH, FROZEN, RawDepth, RawPlanar, SensorSink
-from companion.sensors.synchronizer import POSE_WAIT_S, Inputs
+from companion.sensors.synchronizer import POSE_WAIT_S, Synchronizer
 from tests.autopilot.fake_link import HandClock
 
 CAMERA = replace(CameraSettings().model(), width_px=4, height_px=3)
@@ -26,7 +26,7 @@ class Scene:
         self.clock = HandClock(100.0)
         self.sink = SensorSink(self.clock)
         self.poses = PoseBuffer()
-        self.inputs = Inputs(self.sink, self.poses)
+        self.inputs = Synchronizer(self.sink, self.poses)
 
     def pose(self, t_s: float) -> None:
         self.poses.add_attitude(t_s, 0.0, 0.0, YAW_RATE_RADPS * (t_s - 100.0), YAW_RATE_RADPS)

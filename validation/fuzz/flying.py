@@ -35,7 +35,7 @@ from companion.pose_buffer import LARGEST
 from companion.recording import Recorder
 from companion.sensors.drivers.mavlink import MavlinkDriver
 from companion.sensors.sink import RawDepth, SensorSink
-from companion.sensors.synchronizer import Inputs
+from companion.sensors.synchronizer import Synchronizer
 from tests.autopilot.fake_link import FakeLink, HandClock
 
 SETTINGS = Settings(
@@ -99,7 +99,7 @@ class Flying:
             self._say,
         )
         self.pilot = Pilot(
-            Inputs(self.sink, self.telemetry.poses),
+            Synchronizer(self.sink, self.telemetry.poses),
             explorer,
             Pace(self.clock, SETTINGS.control.period_s),
             self.vehicle,
