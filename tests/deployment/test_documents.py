@@ -72,6 +72,26 @@ def test_links_lead_somewhere(page: Path) -> None:
             assert (page.parent / target.partition("#")[0]).exists(), target
 
 
+def test_the_index_leads_to_every_page() -> None:
+    index = (ROOT / "docs" / "index.md").read_text("utf-8")
+    pages = {page.name for page in (ROOT / "docs").glob("*.md")} - {"index.md"}
+    assert pages <= set(re.findall(r"\]\(([^)\s]+)\)", index))
+
+
+def test_the_diagram_of_the_rooms_is_the_import_contract() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text("utf-8")
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"]
+    drawn: dict[str, list[set[str]]] = {"companion": [], "sitl": []}
+    for line in re.findall(r"^│ .*$", page.partition("## Rooms")[2].partition("```\n\n")[0], re.MULTILINE):
+        for package, boxes in zip(drawn, re.split(r"│ {7}│", line), strict=False):
+            if rooms := {room.strip() for room in boxes.split("│")} - {""}:
+                drawn[package].append(rooms)
+    wanted = {contract["containers"][0]: contract["layers"] for contract in contracts if contract["type"] == "layers"}
+    assert drawn == {
+        package: [{room.strip() for room in layer.split("|")} for layer in layers] for package, layers in wanted.items()
+    }
+
+
 @document
 def test_files_are_there(page: Path) -> None:
     missing = [path for path in paths(page.read_text("utf-8")) if not exists(path)]
