@@ -1,7 +1,7 @@
-"""Sensors that lie: what they say may look like a reading, and must not keep the vehicle flying.
+"""Faulty sensors: their data may look like readings, and must not keep the vehicle flying.
 
-Each flight goes from the sink to the measurement, as on the vehicle, and is flown twice: honestly, when everything is
-known all the time, and with the lie, when what rests on that sensor must be missing soon.
+Each flight goes from the sink to the measurement, as on the vehicle, and is flown twice: with healthy sensors, when
+everything is known all the time, and with the fault, when what relies on that sensor must be missing soon.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ LIMIT_M = SETTINGS.beams.max_range_m
 STALE_S, BEAM_STALE_S = SETTINGS.scan.stale_after_s, SETTINGS.beams.stale_after_s
 WALLS = [FLOOR, ROOF, wall_ahead(30.0), wall_beside(2.0), wall_beside(-2.0)]
 PERIOD_S, FRAME_EVERY, RANGES_EVERY = 0.05, 4, 2
-START_S, LIE_AT_S = 100.0, 101.0
+START_S, FAULT_AT_S = 100.0, 101.0
 NAN, INF = math.nan, math.inf
 
 Way = Callable[[float], Pose]
@@ -64,8 +64,8 @@ def sideways(t_s: float) -> Pose:
 
 
 @dataclass
-class Lies:
-    """What becomes of what the sensors would have said, from `LIE_AT_S` on; None: nothing comes."""
+class Faults:
+    """What each sensor delivers in place of its reading, from `FAULT_AT_S` on; None: nothing."""
 
     depth: Callable[[RawDepth], RawDepth | None] = lambda raw: raw
     beam: Callable[[RangeReading], RangeReading | None] = lambda reading: reading
@@ -75,8 +75,8 @@ class Lies:
 class Flight:
     """A drift without end, seen without noise."""
 
-    def __init__(self, way: Way, lies: Lies | None = None, *, camera: bool = True, scanner: bool = False) -> None:
-        self._way, self._lies = way, lies or Lies()
+    def __init__(self, way: Way, faults: Faults | None = None, *, camera: bool = True, scanner: bool = False) -> None:
+        self._way, self._faults = way, faults or Faults()
         self._camera, self._scanner = camera, scanner
         self.clock = HandClock(START_S)
         self.sink = SensorSink(self.clock)
@@ -90,7 +90,7 @@ class Flight:
         measured = []
         while (now_s := START_S + self._tick * PERIOD_S) < end_s - 1e-9:
             self.clock.now = now_s
-            self._say(self._way(now_s), now_s)
+            self._sense(self._way(now_s), now_s)
             self._tick += 1
             observation = self._inputs.observe(now_s)
             assert observation is not None
@@ -100,20 +100,20 @@ class Flight:
     def reasons(self, stream: str) -> set[str]:
         return set(self.sink.statistics(self.clock.now)[stream].reasons)
 
-    def _say(self, pose: Pose, now_s: float) -> None:
+    def _sense(self, pose: Pose, now_s: float) -> None:
         self._poses.add_attitude(now_s, 0.0, 0.0, pose.yaw_rad, pose.yaw_rate_radps)
         self._poses.add_position(now_s, pose.x_m, pose.y_m, pose.z_m, pose.vx_mps, pose.vy_mps, pose.vz_mps)
-        lies = self._lies if now_s >= LIE_AT_S - 1e-9 else Lies()
+        faults = self._faults if now_s >= FAULT_AT_S - 1e-9 else Faults()
         if self._camera and self._tick % FRAME_EVERY == 0:
-            image = lies.depth(RawDepth(now_s, render(WALLS, CAMERA, pose), CAMERA))
+            image = faults.depth(RawDepth(now_s, render(WALLS, CAMERA, pose), CAMERA))
             if image is not None:
                 self.sink.depth(image)
         if self._scanner and self._tick % FRAME_EVERY == 0:
-            scan = lies.planar(scanned(pose))
+            scan = faults.planar(scanned(pose))
             if scan is not None:
                 self.sink.planar(scan)
         if self._tick % RANGES_EVERY == 0:
-            self.sink.ranges([said for said in map(lies.beam, beams(pose)) if said is not None])
+            self.sink.ranges([reading for reading in map(faults.beam, beams(pose)) if reading is not None])
 
 
 def beams(pose: Pose) -> list[RangeReading]:
@@ -131,20 +131,20 @@ def scanned(pose: Pose) -> RawPlanar:
 
 
 class Repeat:
-    """Keeps saying what was said first, with the newest stamps."""
+    """Repeats the first images for ever, with the newest stamps."""
 
     def __init__(self, different: int = 1) -> None:
-        self._said: list[RawDepth] = []
+        self._first: list[RawDepth] = []
         self._different = different
         self._count = 0
 
     def __call__(self, raw: RawDepth) -> RawDepth:
         self._count += 1
-        if len(self._said) < self._different:
-            self._said.append(raw)
+        if len(self._first) < self._different:
+            self._first.append(raw)
             return raw
         # A copy: what comes over a wire is never the same array.
-        return replace(raw, depth_m=self._said[self._count % self._different].depth_m.copy())
+        return replace(raw, depth_m=self._first[self._count % self._different].depth_m.copy())
 
 
 def filled(*values: float) -> Callable[[RawDepth], RawDepth]:
@@ -156,7 +156,7 @@ def stamped(shift_s: float) -> Callable[[RawDepth], RawDepth]:
     return lambda raw: replace(raw, t_s=raw.t_s + shift_s)
 
 
-DEPTH_LIES: dict[str, tuple[Callable[[], Callable[[RawDepth], RawDepth | None]], str | None]] = {
+DEPTH_FAULTS: dict[str, tuple[Callable[[], Callable[[RawDepth], RawDepth | None]], str | None]] = {
     "silence": (lambda: lambda _: None, None),
     "nothing measured": (lambda: filled(NAN), words.NO_SURFACE),
     "all free": (lambda: filled(INF), words.NO_SURFACE),
@@ -165,36 +165,36 @@ DEPTH_LIES: dict[str, tuple[Callable[[], Callable[[RawDepth], RawDepth | None]],
     "free or not measured": (lambda: filled(NAN, INF, 10.0), words.NO_SURFACE),
     "covered lens": (lambda: filled(0.1), words.NO_SURFACE),
     "zeros": (lambda: filled(0.0), words.NOT_POSITIVE),
-    "a frozen picture": (lambda: Repeat(), words.FROZEN),
-    "four pictures in turn": (lambda: Repeat(4), words.FROZEN),
+    "a frozen image": (lambda: Repeat(), words.FROZEN),
+    "four images in turn": (lambda: Repeat(4), words.FROZEN),
     "stamps that go back": (lambda: stamped(-50.0), words.NOT_NEWER),
     "stamps from the future": (lambda: stamped(0.5), words.FROM_THE_FUTURE),
-    "stamps that stand": (lambda: lambda raw: replace(raw, t_s=LIE_AT_S), words.NOT_NEWER),
+    "stamps that stand": (lambda: lambda raw: replace(raw, t_s=FAULT_AT_S), words.NOT_NEWER),
     "stamps that are no number": (lambda: stamped(NAN), words.NOT_A_TIME),
     "images that come too late": (lambda: lambda raw: replace(raw, t_s=raw.t_s - 0.6), words.NOT_NEWER),
 }
-SEEN_THROUGH_S = {"four pictures in turn": 4 * FRAME_EVERY * PERIOD_S, "a frozen picture": FRAME_EVERY * PERIOD_S}
-"""As long as this it still says what is new: the pictures that it goes on to repeat."""
+SEEN_THROUGH_S = {"four images in turn": 4 * FRAME_EVERY * PERIOD_S, "a frozen image": FRAME_EVERY * PERIOD_S}
+"""For this long the images are still new ones: those that it then repeats."""
 
 
 @pytest.mark.parametrize("way", [forward, turning], ids=lambda way: way.__name__)
-@pytest.mark.parametrize("lie", DEPTH_LIES)
-def test_a_camera_that_lies_is_a_camera_that_is_not_there(lie: str, way: Way) -> None:
-    """Protects from flying on: the look ages as if nothing had come, and its age is what the safety gate is told."""
-    make, reason = DEPTH_LIES[lie]
-    honest, lying = Flight(way), Flight(way, Lies(depth=make()))
-    before = lying.until(LIE_AT_S)
+@pytest.mark.parametrize("fault", DEPTH_FAULTS)
+def test_a_faulty_camera_counts_as_a_missing_one(fault: str, way: Way) -> None:
+    """Protects from flying on: the look ages as if nothing had come, and the safety gate is sent that age."""
+    make, reason = DEPTH_FAULTS[fault]
+    healthy, faulty = Flight(way), Flight(way, Faults(depth=make()))
+    before = faulty.until(FAULT_AT_S)
     assert before[-1].missing == ()
-    stale_s = LIE_AT_S + SEEN_THROUGH_S.get(lie, 0.0) + STALE_S
-    lying.until(stale_s + PERIOD_S)
+    stale_s = FAULT_AT_S + SEEN_THROUGH_S.get(fault, 0.0) + STALE_S
+    faulty.until(stale_s + PERIOD_S)
     ages_s = []
-    for measured in lying.until(stale_s + 2.0):
+    for measured in faulty.until(stale_s + 2.0):
         assert measured.missing == ("depth",)
         assert math.isnan(measured.ahead_m)
         ages_s.append(measured.scan_age_s)
     assert min(ages_s) > STALE_S
-    assert reason is None or lying.reasons(DEPTH) == {reason}
-    assert all(measured.missing == () for measured in honest.until(stale_s + 2.0)[1:])
+    assert reason is None or faulty.reasons(DEPTH) == {reason}
+    assert all(measured.missing == () for measured in healthy.until(stale_s + 2.0)[1:])
 
 
 def test_a_camera_that_repeats_itself_while_the_vehicle_stands_is_believed() -> None:
@@ -208,37 +208,37 @@ def test_an_estimate_that_drifts_on_the_ground_makes_no_frozen_camera() -> None:
     """0.4 m and 10° in two minutes, as an estimator may on the ground: before take-off nothing is wrong with it."""
     flight = Flight(
         lambda t_s: replace(standing(t_s), x_m=0.003 * (t_s - START_S), yaw_rad=0.0014 * (t_s - START_S)),
-        Lies(depth=Repeat()),
+        Faults(depth=Repeat()),
     )
     assert all(measured.missing == () for measured in flight.until(START_S + 120.0)[1:])
 
 
 def test_a_frozen_camera_is_not_believed_again_because_the_vehicle_stops_for_it() -> None:
-    """Without this it would fly on a stretch after each stop, blind; when the picture changes it flies again."""
-    stop_s = LIE_AT_S + 1.0
+    """Without this it would fly on a stretch after each stop, blind; when the image changes it flies again."""
+    stop_s = FAULT_AT_S + 1.0
     repeat = Repeat()
     flight = Flight(
         lambda t_s: forward(t_s) if t_s < stop_s else replace(forward(stop_s), t_s=t_s, vx_mps=0.0),
-        Lies(depth=lambda raw: repeat(raw) if raw.t_s < stop_s + 15.0 else raw),
+        Faults(depth=lambda raw: repeat(raw) if raw.t_s < stop_s + 15.0 else raw),
     )
     flight.until(stop_s)
     assert all(measured.missing == ("depth",) for measured in flight.until(stop_s + 15.0))
     assert flight.until(stop_s + 15.0 + 2 * FRAME_EVERY * PERIOD_S)[-1].missing == ()
 
 
-def test_a_frozen_camera_is_not_believed_where_its_picture_was_taken_either() -> None:
-    """A pilot flies the vehicle back to there: a picture that was wrong elsewhere proves nothing here."""
+def test_a_frozen_camera_is_not_believed_where_its_image_was_taken_either() -> None:
+    """A pilot flies the vehicle back to there: an image that was wrong elsewhere proves nothing here."""
     repeat = Repeat()
     flight = Flight(
-        lambda t_s: replace(forward(min(t_s, 2.0 * LIE_AT_S + 2.0 - t_s)), t_s=t_s),
-        Lies(depth=lambda raw: repeat(raw)),
+        lambda t_s: replace(forward(min(t_s, 2.0 * FAULT_AT_S + 2.0 - t_s)), t_s=t_s),
+        Faults(depth=lambda raw: repeat(raw)),
     )
-    flight.until(LIE_AT_S + 1.0)
-    assert all(measured.missing == ("depth",) for measured in flight.until(LIE_AT_S + 3.0))
+    flight.until(FAULT_AT_S + 1.0)
+    assert all(measured.missing == ("depth",) for measured in flight.until(FAULT_AT_S + 3.0))
 
 
-def test_the_same_image_twice_within_a_hand_is_a_slow_driver() -> None:
-    """A driver that is asked faster than its camera gives images repeats them; 3 cm on nobody has flown blind."""
+def test_the_same_image_twice_within_3_cm_is_a_slow_driver() -> None:
+    """A driver that is asked faster than its camera gives images repeats them; within 3 cm nobody has flown blind."""
     last: list[RawDepth] = []
 
     def every_second(raw: RawDepth) -> RawDepth:
@@ -247,60 +247,60 @@ def test_the_same_image_twice_within_a_hand_is_a_slow_driver() -> None:
 
     slow_mps = 0.6 * MOVED_M / (FRAME_EVERY * PERIOD_S)
     flight = Flight(
-        lambda t_s: replace(standing(t_s), x_m=slow_mps * (t_s - START_S), vx_mps=slow_mps), Lies(depth=every_second)
+        lambda t_s: replace(standing(t_s), x_m=slow_mps * (t_s - START_S), vx_mps=slow_mps), Faults(depth=every_second)
     )
     assert all(measured.missing == () for measured in flight.until(START_S + 5.0)[1:])
 
 
-PLANAR_LIES: dict[str, Callable[[RawPlanar], RawPlanar | None]] = {
+PLANAR_FAULTS: dict[str, Callable[[RawPlanar], RawPlanar | None]] = {
     "nothing measured": lambda raw: replace(raw, ranges_m=raw.ranges_m * NAN),
     "all at the limit": lambda raw: replace(raw, ranges_m=np.full_like(raw.ranges_m, 10.0)),
     "zeros": lambda raw: replace(raw, ranges_m=np.zeros_like(raw.ranges_m)),
-    "frozen": lambda raw: replace(raw, ranges_m=scanned(forward(LIE_AT_S)).ranges_m),
+    "frozen": lambda raw: replace(raw, ranges_m=scanned(forward(FAULT_AT_S)).ranges_m),
 }
 
 
-@pytest.mark.parametrize("lie", PLANAR_LIES)
-def test_a_scanner_that_lies_is_not_there(lie: str) -> None:
+@pytest.mark.parametrize("fault", PLANAR_FAULTS)
+def test_a_faulty_scanner_counts_as_a_missing_one(fault: str) -> None:
     """The same for a planar scanner, which is all that looks ahead here."""
-    lying = Flight(forward, Lies(planar=PLANAR_LIES[lie]), camera=False, scanner=True)
-    assert lying.until(LIE_AT_S)[-1].missing == ()
-    lying.until(LIE_AT_S + FRAME_EVERY * PERIOD_S + STALE_S + PERIOD_S)
-    assert all(measured.missing == ("depth",) for measured in lying.until(LIE_AT_S + 3.0))
-    assert lying.reasons(PLANAR) == {words.FROZEN if lie == "frozen" else words.NO_SURFACE}
-    honest = Flight(forward, camera=False, scanner=True)
-    assert all(measured.missing == () for measured in honest.until(LIE_AT_S + 3.0)[1:])
+    faulty = Flight(forward, Faults(planar=PLANAR_FAULTS[fault]), camera=False, scanner=True)
+    assert faulty.until(FAULT_AT_S)[-1].missing == ()
+    faulty.until(FAULT_AT_S + FRAME_EVERY * PERIOD_S + STALE_S + PERIOD_S)
+    assert all(measured.missing == ("depth",) for measured in faulty.until(FAULT_AT_S + 3.0))
+    assert faulty.reasons(PLANAR) == {words.FROZEN if fault == "frozen" else words.NO_SURFACE}
+    healthy = Flight(forward, camera=False, scanner=True)
+    assert all(measured.missing == () for measured in healthy.until(FAULT_AT_S + 3.0)[1:])
 
 
-def says(beam: Beam, range_m: float | None) -> Lies:
-    """One beam says always the same."""
-    return Lies(beam=lambda reading: replace(reading, range_m=range_m) if reading.beam is beam else reading)
+def reads(beam: Beam, range_m: float | None) -> Faults:
+    """One beam always reads the same."""
+    return Faults(beam=lambda reading: replace(reading, range_m=range_m) if reading.beam is beam else reading)
 
 
-def stamps(beam: Beam, shift_s: float) -> Lies:
-    return Lies(beam=lambda r: replace(r, t_s=r.t_s + shift_s) if r.beam is beam else r)
+def shifts(beam: Beam, shift_s: float) -> Faults:
+    return Faults(beam=lambda r: replace(r, t_s=r.t_s + shift_s) if r.beam is beam else r)
 
 
-DOWN_LIES = {
-    "silence": Lies(beam=lambda reading: None if reading.beam is Beam.DOWN else reading),
-    "nothing measured": says(Beam.DOWN, None),
-    "no number": says(Beam.DOWN, NAN),
-    "zeros": says(Beam.DOWN, 0.0),
-    "at the limit": says(Beam.DOWN, LIMIT_M),
-    "infinite": says(Beam.DOWN, INF),
-    "below zero": says(Beam.DOWN, -1.0),
-    "stamps that go back": stamps(Beam.DOWN, -50.0),
-    "stamps from the future": stamps(Beam.DOWN, 0.5),
+DOWN_FAULTS = {
+    "silence": Faults(beam=lambda reading: None if reading.beam is Beam.DOWN else reading),
+    "nothing measured": reads(Beam.DOWN, None),
+    "no number": reads(Beam.DOWN, NAN),
+    "zeros": reads(Beam.DOWN, 0.0),
+    "at the limit": reads(Beam.DOWN, LIMIT_M),
+    "infinite": reads(Beam.DOWN, INF),
+    "below zero": reads(Beam.DOWN, -1.0),
+    "stamps that go back": shifts(Beam.DOWN, -50.0),
+    "stamps from the future": shifts(Beam.DOWN, 0.5),
 }
 
 
-@pytest.mark.parametrize("lie", DOWN_LIES)
-def test_a_beam_downward_that_lies_leaves_no_height(lie: str) -> None:
-    """Protects from a height that is no height: the vehicle stops, and what the gate is told ages."""
-    lying = Flight(forward, DOWN_LIES[lie])
-    assert lying.until(LIE_AT_S)[-1].missing == ()
-    lying.until(LIE_AT_S + BEAM_STALE_S + 2 * PERIOD_S)
-    found = lying.until(LIE_AT_S + 2.0)
+@pytest.mark.parametrize("fault", DOWN_FAULTS)
+def test_a_faulty_downward_beam_leaves_no_height(fault: str) -> None:
+    """Protects from a height that is no height: the vehicle stops, and the age that the gate is sent grows."""
+    faulty = Flight(forward, DOWN_FAULTS[fault])
+    assert faulty.until(FAULT_AT_S)[-1].missing == ()
+    faulty.until(FAULT_AT_S + BEAM_STALE_S + 2 * PERIOD_S)
+    found = faulty.until(FAULT_AT_S + 2.0)
     assert all(measured.h_m is None and "height" in measured.missing for measured in found)
     assert all(measured.ranges_age_s > BEAM_STALE_S for measured in found)
 
@@ -309,15 +309,15 @@ def test_a_beam_downward_that_lies_leaves_no_height(lie: str) -> None:
     ("beam", "way"), [(Beam.DOWN, climbing), (Beam.LEFT, sideways), (Beam.RIGHT, sideways), (Beam.FRONT, forward)]
 )
 def test_a_frozen_beam_does_not_count(beam: Beam, way: Way) -> None:
-    """Said again to the last bit for more than 1 s and 0.3 m along the beam: it ages from there on."""
-    lying = Flight(way, says(beam, 1.7))
+    """Repeated to the last bit for more than 1 s and 0.3 m along the beam: it ages from there on."""
+    faulty = Flight(way, reads(beam, 1.7))
     # 0.3 m at 0.2 m/s take 1.5 s; up to then it is believed.
-    assert lying.until(LIE_AT_S + 1.0)[-1].ranges_age_s <= 2 * PERIOD_S
-    lying.until(LIE_AT_S + 1.5 + BEAM_STALE_S + 3 * PERIOD_S)
-    found = lying.until(LIE_AT_S + 2.5)
+    assert faulty.until(FAULT_AT_S + 1.0)[-1].ranges_age_s <= 2 * PERIOD_S
+    faulty.until(FAULT_AT_S + 1.5 + BEAM_STALE_S + 3 * PERIOD_S)
+    found = faulty.until(FAULT_AT_S + 2.5)
     assert all(measured.ranges_age_s > BEAM_STALE_S for measured in found)
     assert all((measured.h_m is None) == (beam is Beam.DOWN) for measured in found)
-    assert lying.reasons(beam.value) == {words.FROZEN}
+    assert faulty.reasons(beam.value) == {words.FROZEN}
 
 
 @pytest.mark.parametrize(
@@ -335,48 +335,48 @@ def test_a_frozen_beam_does_not_count(beam: Beam, way: Way) -> None:
         ),
     ],
 )
-def test_a_beam_that_rightly_says_the_same_counts(beam: Beam, range_m: float, way: Way) -> None:
-    """Rangefinders in centimetres repeat themselves: only a way along the beam shows that one stands still."""
-    flight = Flight(way, says(beam, range_m))
+def test_a_beam_that_rightly_repeats_itself_counts(beam: Beam, range_m: float, way: Way) -> None:
+    """Rangefinders in centimetres repeat themselves: only movement along the beam shows that one is frozen."""
+    flight = Flight(way, reads(beam, range_m))
     assert all(measured.ranges_age_s <= 2 * PERIOD_S for measured in flight.until(START_S + 60.0)[1:])
     assert flight.reasons(beam.value) == set()
 
 
 def test_a_frozen_beam_counts_again_when_it_changes() -> None:
-    """A driver that was hung and goes on is a driver that works."""
-    heal_s = LIE_AT_S + 4.0
+    """A driver that hung and recovered is a driver that works."""
+    heal_s = FAULT_AT_S + 4.0
     flight = Flight(
         climbing,
-        Lies(beam=lambda r: replace(r, range_m=1.7) if r.beam is Beam.DOWN and r.t_s < heal_s else r),
+        Faults(beam=lambda r: replace(r, range_m=1.7) if r.beam is Beam.DOWN and r.t_s < heal_s else r),
     )
     assert flight.until(heal_s)[-1].h_m is None
     assert flight.until(heal_s + 3 * PERIOD_S)[-1].missing == ()
 
 
 def test_a_frozen_beam_with_gaps_does_not_count_either() -> None:
-    """What measured nothing for once is no sign of life of a beam that stands still otherwise."""
+    """One missing reading is no sign of life of a beam that is frozen otherwise."""
 
     def gaps(reading: RangeReading) -> RangeReading:
         has_gap = round((reading.t_s - START_S) / PERIOD_S) % 6 == 0
         return replace(reading, range_m=None if has_gap else 1.7) if reading.beam is Beam.LEFT else reading
 
-    flight = Flight(sideways, Lies(beam=gaps))
-    flight.until(LIE_AT_S + 1.5 + BEAM_STALE_S + 3 * PERIOD_S)
-    assert all(measured.ranges_age_s > BEAM_STALE_S for measured in flight.until(LIE_AT_S + 3.0))
+    flight = Flight(sideways, Faults(beam=gaps))
+    flight.until(FAULT_AT_S + 1.5 + BEAM_STALE_S + 3 * PERIOD_S)
+    assert all(measured.ranges_age_s > BEAM_STALE_S for measured in flight.until(FAULT_AT_S + 3.0))
 
 
-def test_the_oldest_of_the_beams_that_count_is_told() -> None:
-    """Protects what the gate is told: one silent beam among four is a silent beam."""
-    lies = Lies(beam=lambda reading: None if reading.beam is Beam.RIGHT else reading)
-    flight = Flight(forward, lies)
-    assert flight.until(LIE_AT_S)[-1].ranges_age_s <= 2 * PERIOD_S
-    silent = flight.until(LIE_AT_S + 1.0)[-1]
+def test_the_age_is_that_of_the_oldest_beam_that_counts() -> None:
+    """Protects what the gate is sent: one silent beam among four is a silent beam."""
+    faults = Faults(beam=lambda reading: None if reading.beam is Beam.RIGHT else reading)
+    flight = Flight(forward, faults)
+    assert flight.until(FAULT_AT_S)[-1].ranges_age_s <= 2 * PERIOD_S
+    silent = flight.until(FAULT_AT_S + 1.0)[-1]
     assert silent.ranges_age_s == pytest.approx(1.0, abs=2 * PERIOD_S)
     assert silent.missing == ()
 
 
-def test_a_beam_that_never_spoke_makes_the_age_infinite() -> None:
-    """Before the first word of each the vehicle must not be taken for one whose beams work; upward none is needed."""
+def test_a_beam_without_any_reading_makes_the_age_infinite() -> None:
+    """Before the first reading of each the beams must not count as working; upward none is needed."""
     sensors = SETTINGS.model_copy(update={"beams": BeamSettings(directions=(Beam.DOWN, Beam.LEFT, Beam.UP))})
     extract = Extractor(sensors, VehicleSettings())
     pose = standing(0.0)
@@ -391,7 +391,7 @@ def test_a_beam_that_never_spoke_makes_the_age_infinite() -> None:
 
 
 @pytest.mark.parametrize("range_m", [None, 0.0, LIMIT_M])
-def test_a_beam_beside_that_sees_nothing_has_spoken(range_m: float | None) -> None:
-    """Protects flight past a junction: a beam that looks down a drift measures nothing, and is not silent."""
-    flight = Flight(forward, says(Beam.LEFT, range_m))
-    assert all(measured.ranges_age_s <= 2 * PERIOD_S for measured in flight.until(LIE_AT_S + 2.0)[1:])
+def test_a_side_beam_that_sees_nothing_is_not_silent(range_m: float | None) -> None:
+    """Protects flight past a junction: a beam that looks down a drift measures nothing, and works."""
+    flight = Flight(forward, reads(Beam.LEFT, range_m))
+    assert all(measured.ranges_age_s <= 2 * PERIOD_S for measured in flight.until(FAULT_AT_S + 2.0)[1:])
