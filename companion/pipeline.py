@@ -7,15 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.config.settings import Settings
-from companion.control import Governor, Navigator, Parameters
+from companion.control import Navigator
 from companion.model import Measurement, Observation, Setpoint
 from companion.perception import Extractor
-
-
-def law_parameters(settings: Settings) -> Parameters:
-    """The navigation law's numbers, from the configuration."""
-    values = settings.control.model_dump(exclude={"governor", "allow_turning_radius_above_margin"})
-    return Parameters(governor=Governor(**settings.control.governor.model_dump()), **values)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +29,7 @@ class Explorer:
     """
 
     def __init__(self, settings: Settings, rng: np.random.Generator) -> None:
-        self.navigator = Navigator(law_parameters(settings), rng)
+        self.navigator = Navigator(settings.control, rng)
         self._extractor = Extractor(settings.sensors, settings.vehicle)
 
     def look(self, observation: Observation) -> Measurement:

@@ -15,7 +15,6 @@ from companion.config.settings import Settings
 from companion.control import Navigator
 from companion.model import Observation
 from companion.perception import Extractor
-from companion.pipeline import law_parameters
 from sitl.mines import load_world
 from sitl.scene.raycast import RayCaster
 from sitl.scene.render import DepthRenderer
@@ -37,7 +36,7 @@ def observations(settings: Settings, ticks: int) -> list[Observation]:
     renderer = DepthRenderer(world, settings.sensors.camera.model())
     rig = SensorRig(settings.sensors, settings.sim.noise, caster, renderer, rng)
     extractor = Extractor(settings.sensors, settings.vehicle)
-    navigator = Navigator(law_parameters(settings), rng)
+    navigator = Navigator(settings.control, rng)
     seen = []
     for _ in range(ticks):
         observation = rig.observe(vehicle.pose)
@@ -55,7 +54,7 @@ def cost(width_px: int, height_px: int) -> Row:
     settings = settings.model_copy(update={"sensors": settings.sensors.model_copy(update={"camera": camera})})
     seen = observations(settings, TICKS if width_px < 640 else TICKS // 4)
     extractor = Extractor(settings.sensors, settings.vehicle)
-    navigator = Navigator(law_parameters(settings), np.random.default_rng(1))
+    navigator = Navigator(settings.control, np.random.default_rng(1))
     every, with_frame = [], []
     for observation in seen:
         began = time.perf_counter()

@@ -5,7 +5,7 @@ Section 3 of the paper; the other modules are its equations, one idea a file.
 """
 
 from companion.control.navigator import Navigator, Status
-from companion.control.parameters import Governor, Parameters
+from companion.control.parameters import Parameters
 from companion.control.target import TargetKind
 
-__all__ = ["Governor", "Navigator", "Parameters", "Status", "TargetKind"]
+__all__ = ["Navigator", "Parameters", "Status", "TargetKind"]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config.control import ControlSettings
-from companion.control import Governor, Navigator, Parameters
+from companion.control import Navigator
 from companion.model import (
     CLEAR,
     FRONT_RAD,
@@ -43,11 +43,9 @@ MEMORY_M = 5.0
 Point = tuple[float, float]
 
 
-def law_parameters(**changes: object) -> Parameters:
+def law_parameters(**changes: object) -> ControlSettings:
     """The law's default settings with changes, validated as those of a flight are."""
-    settings = ControlSettings.model_validate(changes)
-    values = settings.model_dump(exclude={"governor", "allow_turning_radius_above_margin"})
-    return Parameters(governor=Governor(**settings.governor.model_dump()), **values)
+    return ControlSettings.model_validate(changes)
 
 
 def box(x_min: float, y_min: float, x_max: float, y_max: float) -> list[Point]:

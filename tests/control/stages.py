@@ -50,7 +50,7 @@ def navigator_with(seed: int = 0, rng: np.random.Generator | None = None, **chan
     Its speed and climb may jump, so that one step shows what the laws say.
     """
     law = {"choice": "coin", "speed_law": "paper", **changes}
-    parameters = replace(law_parameters(**law), max_accel_mps2=AT_ONCE_MPS2)
+    parameters = law_parameters(**law).model_copy(update={"max_accel_mps2": AT_ONCE_MPS2})
     return Navigator(parameters, rng or np.random.default_rng(seed))
 
 

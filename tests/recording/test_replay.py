@@ -39,7 +39,7 @@ def test_replay_is_exact(flight: Path) -> None:
 
 def test_replay_tells_what_another_setting_changes(flight: Path) -> None:
     """The comparison can fail: it sees the first setpoint that another law would have sent."""
-    faster = SETTINGS.model_copy(update={"control": ControlSettings(speed_mps=0.55)})
+    faster = SETTINGS.model_copy(update={"control": ControlSettings.model_validate({"speed_mps": 0.55})})
     found = replay(flight, faster)
     assert found.differing > 0
     assert found.first_difference_s is not None

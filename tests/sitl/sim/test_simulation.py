@@ -34,8 +34,14 @@ PERIOD_S = SETTINGS.control.period_s
 RADIUS_M = SETTINGS.vehicle.body_radius_m
 RECKLESS = Settings(
     **QUICK,
-    control=ControlSettings(
-        speed_mps=3.0, max_yaw_rate_radps=0.1, speed_law="paper", law="paper", allow_turning_radius_above_margin=True
+    control=ControlSettings.model_validate(
+        {
+            "speed_mps": 3.0,
+            "max_yaw_rate_radps": 0.1,
+            "speed_law": "paper",
+            "law": "paper",
+            "allow_turning_radius_above_margin": True,
+        }
     ),
     sim=SimSettings(dynamics=DynamicsSettings(command_latency_s=1.0)),
 )
@@ -302,7 +308,7 @@ class TestStart:
 
     def test_a_margin_that_fits_nowhere_is_refused(self) -> None:
         """Protects from starting without room: the message names the setting and its value."""
-        wide = Settings(**QUICK, control=ControlSettings(margin_m=1.9))
+        wide = Settings(**QUICK, control=ControlSettings.model_validate({"margin_m": 1.9}))
         with pytest.raises(InputError, match=r"control\.margin_m = 1\.9 m"):
             Simulation(room(), wide, 1)
 
