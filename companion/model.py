@@ -187,6 +187,17 @@ class Scan:
     fresh: NDArray[np.bool_]
 
 
+class Input(enum.StrEnum):
+    """What the vehicle cannot fly without; the values stand in recordings and messages."""
+
+    DEPTH = "depth"
+    """A look ahead that is recent enough."""
+    HEIGHT = "height"
+    """The height above ground."""
+    POSE = "pose"
+    """A recent pose that is finite."""
+
+
 @dataclass(frozen=True, slots=True)
 class Measurement:
     """What the navigator sees in one tick (paper Definitions 3.7 and 3.8, and d, d_f of (12)).
@@ -206,7 +217,7 @@ class Measurement:
             what is known there is free, NaN when nothing is known there.
         ranges_age_s: how old the last word of that beam is which has been silent longest, of those that the vehicle
             counts on; infinite when one never spoke.
-        missing: names of inputs that are absent or stale; empty when the vehicle may fly.
+        missing: the inputs that are absent or stale; empty when the vehicle may fly.
     """
 
     t_s: float
@@ -221,7 +232,7 @@ class Measurement:
     d_dot_mps: float | None
     ahead_m: float
     ranges_age_s: float
-    missing: tuple[str, ...] = ()
+    missing: tuple[Input, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from companion.flight.rate import Pace
-from companion.model import Measurement, Mode, Observation, Pose, Setpoint
+from companion.model import Input, Measurement, Mode, Observation, Pose, Setpoint
 from companion.pipeline import Explorer
 from companion.sensors.synchronizer import Synchronizer
 
@@ -53,7 +53,7 @@ class TickRecord:
     setpoint: Setpoint | None
     stepped: bool
     sent: bool
-    missing: tuple[str, ...]
+    missing: tuple[Input, ...]
     duration_s: float
 
 
@@ -114,7 +114,7 @@ class Pilot:
         measurement: Measurement | None = None
         setpoint: Setpoint | None = None
         if observation is None:
-            missing: tuple[str, ...] = ("pose",)
+            missing: tuple[Input, ...] = (Input.POSE,)
         elif self.exploring:
             steering = self._explorer.step(observation)
             measurement, setpoint = steering.measurement, steering.setpoint
@@ -122,7 +122,7 @@ class Pilot:
         else:
             measurement = self._explorer.look(observation)
             missing = measurement.missing
-        if "pose" in missing:
+        if Input.POSE in missing:
             setpoint = None
         self.measurement = measurement
         self.pose = None if observation is None else observation.pose

@@ -18,6 +18,7 @@ from companion.model import (
     UNKNOWN,
     Beam,
     FloatArray,
+    Input,
     Measurement,
     Observation,
     PlanarScan,
@@ -101,14 +102,14 @@ class Extractor:
     def _is_fresh(self, look: Look, t_s: float) -> bool:
         return t_s - look.t_s <= self._settings.scan.stale_after_s
 
-    def _missing(self, pose: Pose, t_s: float, h_m: float | None, looks: Sequence[Look]) -> tuple[str, ...]:
+    def _missing(self, pose: Pose, t_s: float, h_m: float | None, looks: Sequence[Look]) -> tuple[Input, ...]:
         missing = []
         if not looks:
-            missing.append("depth")
+            missing.append(Input.DEPTH)
         if h_m is None:
-            missing.append("height")
+            missing.append(Input.HEIGHT)
         if not 0.0 <= t_s - pose.t_s <= POSE_STALE_S or not pose.is_finite:
-            missing.append("pose")
+            missing.append(Input.POSE)
         return tuple(missing)
 
     def _remember(self, look: Look) -> None:

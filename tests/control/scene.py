@@ -17,6 +17,7 @@ from companion.model import (
     HIT,
     UNKNOWN,
     FloatArray,
+    Input,
     Measurement,
     Mode,
     Pose,
@@ -135,7 +136,7 @@ def measurement(
     d_front_m: float | None = None,
     d_dot_mps: float | None = None,
     h_m: float | None = 1.5,
-    missing: tuple[str, ...] = (),
+    missing: tuple[Input, ...] = (),
 ) -> Measurement:
     """A measurement in which nothing is near but what is given."""
     return Measurement(

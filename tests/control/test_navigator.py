@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from companion.control import Navigator, TargetKind, edges
 from companion.control.known_ground import KnownGround
 from companion.control.navigator import FORGET_TANGENT_S
-from companion.model import HIT, UNKNOWN, Measurement, Mode, Pose, wrap_rad
+from companion.model import HIT, UNKNOWN, Input, Measurement, Mode, Pose, wrap_rad
 from tests.control.scene import BEARINGS_RAD, Scene, box, fly, law_parameters, measurement
 from tests.control.stages import (
     ALWAYS,
@@ -485,7 +485,7 @@ EVENTS = {
     "wall ahead at d_s": Event(wall_ahead(0.95)),
     "wall ahead within d_c": Event(wall_ahead(0.6)),
     "at the target": Event(beside(1), pose=replace(ORIGIN, x_m=4.0, y_m=-1.0)),
-    "sensor lost": Event(replace(beside(1), missing=("depth",))),
+    "sensor lost": Event(replace(beside(1), missing=(Input.DEPTH,))),
     "no scan": Event(replace(beside(1), scan=None)),
     "d not finite": Event(replace(beside(1), d_m=math.nan)),
     "pose not finite": Event(beside(1), pose=replace(ORIGIN, x_m=math.nan)),

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.model import CLEAR, HIT, UNKNOWN, Measurement, Mode, Pose, Scan
+from companion.model import CLEAR, HIT, UNKNOWN, Input, Measurement, Mode, Pose, Scan
 from tests.control.scene import BINS, measurement
 from tests.control.stages import (
     DT_S,
@@ -30,8 +30,8 @@ from tests.control.stages import (
 
 
 BROKEN: dict[str, Callable[[Measurement, Pose], tuple[Measurement, Pose]]] = {
-    "depth missing": lambda m, p: (replace(m, missing=("depth",)), p),
-    "pose missing": lambda m, p: (replace(m, missing=("pose",)), p),
+    "depth missing": lambda m, p: (replace(m, missing=(Input.DEPTH,)), p),
+    "pose missing": lambda m, p: (replace(m, missing=(Input.POSE,)), p),
     "no scan": lambda m, p: (replace(m, scan=None), p),
     "d": lambda m, p: (replace(m, d_m=math.nan), p),
     "infinite d": lambda m, p: (replace(m, d_m=math.inf), p),
@@ -137,7 +137,7 @@ nasty_ticks = st.tuples(
         d_dot_mps=nasty | st.floats(-1.0, 1.0),
         ahead_m=numbers,
         ranges_age_s=numbers,
-        missing=st.sampled_from([(), (), (), ("depth",)]),
+        missing=st.sampled_from([(), (), (), (Input.DEPTH,)]),
     ),
     st.builds(
         Pose,

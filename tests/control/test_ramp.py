@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from companion.control import Navigator
 from companion.control.ramp import LONGEST_GAP_S, Ramp
-from companion.model import Mode, Setpoint
+from companion.model import Input, Mode, Setpoint
 from tests.control.scene import Scene, box, fly, law_parameters, measurement
 from tests.control.stages import ORIGIN, edge_scan
 
@@ -106,7 +106,7 @@ def test_after_a_hold_the_navigator_begins_at_zero() -> None:
     assert navigator.status.mode is Mode.TANGENT
     assert speeds[0] == pytest.approx(DT_S * navigator.parameters.max_accel_mps2)
     assert speeds[-1] == navigator.parameters.speed_mps
-    assert navigator.step(replace(seen, missing=("depth",)), ORIGIN, DT_S * 15).speed_mps == 0.0
+    assert navigator.step(replace(seen, missing=(Input.DEPTH,)), ORIGIN, DT_S * 15).speed_mps == 0.0
     assert navigator.step(seen, ORIGIN, DT_S * 16).speed_mps == pytest.approx(speeds[0])
 
 

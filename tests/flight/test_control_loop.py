@@ -8,7 +8,7 @@ import pytest
 from companion.config.load import load_settings
 from companion.flight.control_loop import Pilot, TickRecord
 from companion.flight.rate import Pace
-from companion.model import Beam, Measurement, Mode, Pose, RangeReading, Setpoint
+from companion.model import Beam, Input, Measurement, Mode, Pose, RangeReading, Setpoint
 from companion.pipeline import Explorer
 from companion.pose_buffer import PoseBuffer
 from companion.sensors.sink import RawDepth, SensorSink
@@ -107,15 +107,15 @@ def test_a_lost_pose_is_silence() -> None:
     sent = len(bench.helm.sent)
     for _ in range(8):
         tick = bench.tick(pose=False)
-    assert tick.missing == ("pose",)
+    assert tick.missing == (Input.POSE,)
     assert tick.setpoint is None
     # A pose is good for 0.3 s: the first few ticks still had one.
     assert len(bench.helm.sent) - sent <= 6
     assert not bench.seen[-1].sent
 
 
-@pytest.mark.parametrize(("lost", "name"), [({"depth": False}, "depth"), ({"down": False}, "height")])
-def test_a_lost_sensor_is_a_stop(lost: dict[str, bool], name: str) -> None:
+@pytest.mark.parametrize(("lost", "name"), [({"depth": False}, Input.DEPTH), ({"down": False}, Input.HEIGHT)])
+def test_a_lost_sensor_is_a_stop(lost: dict[str, bool], name: Input) -> None:
     bench = Bench()
     bench.pilot.exploring = True
     for _ in range(3):
@@ -136,7 +136,7 @@ def test_before_the_first_pose_a_tick_says_what_is_missing() -> None:
     bench = Bench()
     bench.pilot.exploring = True
     tick = bench.tick(pose=False)
-    assert (tick.missing, tick.observation, tick.sent) == (("pose",), None, False)
+    assert (tick.missing, tick.observation, tick.sent) == ((Input.POSE,), None, False)
     assert bench.pilot.measured_height_m() is None
 
 

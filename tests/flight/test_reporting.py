@@ -17,7 +17,7 @@ from companion.flight.reporting import Announcements, MapFeed
 from companion.flight.termination import Ending
 from companion.mapping.process.client import MapWorker
 from companion.mapping.process.status import MapStatus
-from companion.model import DepthFrame, Mode, Observation, PlanarScan, Pose, Setpoint
+from companion.model import DepthFrame, Input, Mode, Observation, PlanarScan, Pose, Setpoint
 from companion.recording import Recorder
 from companion.recording.content import ENDED, ENGAGED
 from tests.autopilot.fake_link import FakeLink, HandClock
@@ -127,12 +127,12 @@ def test_a_stop_says_why_and_that_it_is_over() -> None:
     stand.announcements.phase("exploring")
     stand.tick()
     for _ in range(4):
-        stand.tick(missing=("depth",), mode=Mode.HOLD)
+        stand.tick(missing=(Input.DEPTH,), mode=Mode.HOLD)
     for _ in range(40):
         stand.tick()
     assert not any("depth" in text for text in stand.texts())
     for _ in range(60):
-        stand.tick(missing=("depth",), mode=Mode.HOLD)
+        stand.tick(missing=(Input.DEPTH,), mode=Mode.HOLD)
     assert stand.texts()[-1] == "stopped: no depth"
     assert stand.link.sent_named("HEARTBEAT")[-1]["system_status"] == 5
     assert stand.said.count("stopped: no depth") == 1
@@ -198,6 +198,6 @@ def test_the_map_gets_every_image_and_every_scan(with_frame: bool, with_scan: bo
     seen = Observation(1.0, POSE, frame if with_frame else None, planar=scan if with_scan else None)
     feed = MapFeed(cast("MapWorker", mapper))
     feed(TickRecord(1.0, seen, None, Mode.HOLD, None, False, False, (), 0.0))
-    feed(TickRecord(1.0, None, None, Mode.HOLD, None, False, False, ("pose",), 0.0))
+    feed(TickRecord(1.0, None, None, Mode.HOLD, None, False, False, (Input.POSE,), 0.0))
     assert mapper.offered == ([frame] if with_frame else [])
     assert mapper.scans == ([scan] if with_scan else [])

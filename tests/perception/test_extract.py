@@ -23,6 +23,7 @@ from companion.model import (
     UNKNOWN,
     Beam,
     DepthFrame,
+    Input,
     Measurement,
     Observation,
     PlanarScan,
@@ -132,7 +133,7 @@ class TestHeight:
             assert measured.missing == ()
         stale = extract.measure(observed(later(AT_START, BEAM_STALE_S + 0.01), OPEN, {Beam.DOWN: None}))
         assert stale.h_m is None
-        assert stale.missing == ("height",)
+        assert stale.missing == (Input.HEIGHT,)
         back = extract.measure(observed(later(AT_START, BEAM_STALE_S + 0.02), OPEN, DOWN))
         assert back.missing == ()
 
@@ -141,12 +142,12 @@ class TestHeight:
         """Protects unknown: nothing measured, or no ground within range, is no height of 0 or of the limit."""
         measured = extractor().measure(observed(AT_START, OPEN, {Beam.DOWN: range_m}))
         assert measured.h_m is None
-        assert "height" in measured.missing
+        assert Input.HEIGHT in measured.missing
 
     def test_a_reading_from_the_future_does_not_count(self) -> None:
         """Protects against a sensor's clock that runs ahead: its age would never grow."""
         early = Observation(0.0, AT_START, image(OPEN), readings(1.0, DOWN))
-        assert extractor().measure(early).missing == ("depth", "height")
+        assert extractor().measure(early).missing == (Input.DEPTH, Input.HEIGHT)
 
 
 class TestLookAhead:
@@ -169,7 +170,7 @@ class TestLookAhead:
         assert held.missing == ()
         assert held.scan_age_s == pytest.approx(DEPTH_STALE_S)
         stale = extract.measure(observed(later(AT_START, DEPTH_STALE_S + 0.01), None, DOWN))
-        assert stale.missing == ("depth",)
+        assert stale.missing == (Input.DEPTH,)
         assert stale.scan is None
         assert stale.ground_slope is None
         assert stale.d_m is None
@@ -177,18 +178,18 @@ class TestLookAhead:
     def test_without_any_image_depth_is_missing(self) -> None:
         """Protects the start: beams alone see no way ahead."""
         measured = extractor().measure(observed(AT_START, None, {Beam.DOWN: H_M, Beam.FRONT: 3.0}))
-        assert measured.missing == ("depth",)
+        assert measured.missing == (Input.DEPTH,)
         assert measured.scan is None
 
     def test_an_image_from_the_future_does_not_count(self) -> None:
         """Protects against a camera's clock that runs ahead."""
         ahead = Observation(0.0, AT_START, image(OPEN, later(AT_START, 1.0)), readings(0.0, DOWN))
-        assert extractor().measure(ahead).missing == ("depth",)
+        assert extractor().measure(ahead).missing == (Input.DEPTH,)
 
     def test_an_image_cannot_be_read_without_a_height(self) -> None:
         """Protects the slab: where the ground is not known, neither is what stands on it."""
         measured = extractor().measure(observed(AT_START, [FLOOR, ROOF, wall_ahead(3.0)], None))
-        assert measured.missing == ("depth", "height")
+        assert measured.missing == (Input.DEPTH, Input.HEIGHT)
 
     def test_the_height_is_that_of_the_exposure(self) -> None:
         """Protects the slab when an image arrives late: the vehicle has climbed 0.5 m since, over a bar that it saw.
@@ -256,9 +257,10 @@ class TestPose:
     """Where the vehicle is must be known now."""
 
     @pytest.mark.parametrize(
-        ("age_s", "missing"), [(0.0, ()), (POSE_STALE_S, ()), (POSE_STALE_S + 0.01, ("pose",)), (-0.01, ("pose",))]
+        ("age_s", "missing"),
+        [(0.0, ()), (POSE_STALE_S, ()), (POSE_STALE_S + 0.01, (Input.POSE,)), (-0.01, (Input.POSE,))],
     )
-    def test_an_old_pose_and_one_from_the_future_are_missing(self, age_s: float, missing: tuple[str, ...]) -> None:
+    def test_an_old_pose_and_one_from_the_future_are_missing(self, age_s: float, missing: tuple[Input, ...]) -> None:
         """Protects against an estimator that has stopped, and against clocks that disagree."""
         pose = AT_START
         now_s = age_s
@@ -280,14 +282,14 @@ class TestPose:
         extract = extractor()
         extract.measure(observed(AT_START, OPEN, {Beam.DOWN: H_M, Beam.LEFT: 0.5, Beam.UP: H_M}))
         measured = extract.measure(observed(later(AT_START, SOON_S, **{name: NAN})))
-        assert "pose" in measured.missing
+        assert Input.POSE in measured.missing
         assert_finite(measured)
 
     def test_nothing_that_is_not_finite_comes_out_of_a_velocity(self) -> None:
         """Protects logs and displays, and whoever reads the rate without asking what is missing."""
         pose = replace(AT_START, vx_mps=NAN)
         measured = extractor().measure(observed(pose, [FLOOR, ROOF, wall_ahead(3.0)], DOWN))
-        assert "pose" in measured.missing
+        assert Input.POSE in measured.missing
         assert_finite(measured)
 
     def test_a_beam_read_while_the_pose_was_no_number_is_not_remembered(self) -> None:
@@ -546,7 +548,7 @@ def assert_finite(measured: Measurement) -> None:
             assert math.isfinite(value), (field.name, value)
     assert measured.ranges_age_s >= 0.0
     assert math.isnan(measured.ahead_m) or measured.ahead_m >= 0.0
-    assert math.isfinite(measured.scan_age_s) or "depth" in measured.missing
+    assert math.isfinite(measured.scan_age_s) or Input.DEPTH in measured.missing
     assert not math.isnan(measured.scan_age_s)
     if measured.scan is None:
         assert measured.d_m is None
@@ -612,4 +614,4 @@ def test_whatever_comes_in_only_numbers_come_out(ticks: list[Observation]) -> No
         pose = observation.pose
         numbers = (pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad, pose.roll_rad, pose.pitch_rad, pose.vx_mps, pose.vy_mps)
         if not all(map(math.isfinite, numbers)) or pose.t_s > observation.t_s:
-            assert "pose" in measured.missing
+            assert Input.POSE in measured.missing

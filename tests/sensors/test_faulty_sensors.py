@@ -15,7 +15,7 @@ import pytest
 
 from companion.config.sensors import BeamSettings, CameraSettings, PlanarSettings, SensorSettings
 from companion.config.vehicle import VehicleSettings
-from companion.model import Beam, FloatArray, Measurement, Observation, Pose, RangeReading
+from companion.model import Beam, FloatArray, Input, Measurement, Observation, Pose, RangeReading
 from companion.perception import Extractor
 from companion.pose_buffer import PoseBuffer
 from companion.sensors import sink as words
@@ -189,7 +189,7 @@ def test_a_faulty_camera_counts_as_a_missing_one(fault: str, way: Way) -> None:
     faulty.until(stale_s + PERIOD_S)
     ages_s = []
     for measured in faulty.until(stale_s + 2.0):
-        assert measured.missing == ("depth",)
+        assert measured.missing == (Input.DEPTH,)
         assert math.isnan(measured.ahead_m)
         ages_s.append(measured.scan_age_s)
     assert min(ages_s) > STALE_S
@@ -222,7 +222,7 @@ def test_a_frozen_camera_is_not_believed_again_because_the_vehicle_stops_for_it(
         Faults(depth=lambda raw: repeat(raw) if raw.t_s < stop_s + 15.0 else raw),
     )
     flight.until(stop_s)
-    assert all(measured.missing == ("depth",) for measured in flight.until(stop_s + 15.0))
+    assert all(measured.missing == (Input.DEPTH,) for measured in flight.until(stop_s + 15.0))
     assert flight.until(stop_s + 15.0 + 2 * FRAME_EVERY * PERIOD_S)[-1].missing == ()
 
 
@@ -234,7 +234,7 @@ def test_a_frozen_camera_is_not_believed_where_its_image_was_taken_either() -> N
         Faults(depth=lambda raw: repeat(raw)),
     )
     flight.until(FAULT_AT_S + 1.0)
-    assert all(measured.missing == ("depth",) for measured in flight.until(FAULT_AT_S + 3.0))
+    assert all(measured.missing == (Input.DEPTH,) for measured in flight.until(FAULT_AT_S + 3.0))
 
 
 def test_the_same_image_twice_within_3_cm_is_a_slow_driver() -> None:
@@ -266,7 +266,7 @@ def test_a_faulty_scanner_counts_as_a_missing_one(fault: str) -> None:
     faulty = Flight(forward, Faults(planar=PLANAR_FAULTS[fault]), camera=False, scanner=True)
     assert faulty.until(FAULT_AT_S)[-1].missing == ()
     faulty.until(FAULT_AT_S + FRAME_EVERY * PERIOD_S + STALE_S + PERIOD_S)
-    assert all(measured.missing == ("depth",) for measured in faulty.until(FAULT_AT_S + 3.0))
+    assert all(measured.missing == (Input.DEPTH,) for measured in faulty.until(FAULT_AT_S + 3.0))
     assert faulty.reasons(PLANAR) == {words.FROZEN if fault == "frozen" else words.NO_SURFACE}
     healthy = Flight(forward, camera=False, scanner=True)
     assert all(measured.missing == () for measured in healthy.until(FAULT_AT_S + 3.0)[1:])

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from companion.clock import MonotonicClock
-from companion.model import Beam, RangeReading
+from companion.model import Beam, Input, RangeReading
 from companion.sensors.drivers.framing import (
     MAGIC,
     VERSION,
@@ -133,7 +133,7 @@ async def _driving(rng: random.Random) -> None:
             bench.step()
             bench.step()
             record = bench.tick()
-        assert "depth" in record.missing
+        assert Input.DEPTH in record.missing
         assert record.setpoint is not None
         assert (record.setpoint.speed_mps, record.setpoint.yaw_rate_radps) == (0.0, 0.0)
         with contextlib.suppress(asyncio.CancelledError):

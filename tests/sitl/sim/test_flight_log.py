@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from companion.model import Measurement, Mode, Pose, Setpoint
+from companion.model import Input, Measurement, Mode, Pose, Setpoint
 from sitl.sim.flight_log import COLUMNS, MODES, FlightLog
 
 TRUE = Pose(1.25, 1.0, 2.0, 3.0, 0.1)
@@ -41,7 +41,7 @@ UNKNOWN = Measurement(
     d_dot_mps=None,
     ahead_m=float("nan"),
     ranges_age_s=float("inf"),
-    missing=("depth", "height"),
+    missing=(Input.DEPTH, Input.HEIGHT),
 )
 EXPECTED = {
     "t_s": 1.25,
