@@ -42,8 +42,15 @@ def _dump(model: BaseModel, indent: str) -> Iterator[str]:
             yield from _dump(value, indent + "  ")
         else:
             plain = model.model_dump(mode="json", include={name})[name]
-            # JSON is YAML 1.2: the quoting of strings and lists needs no second implementation.
-            yield from _commented(f"{text} {json.dumps(plain, ensure_ascii=False)}", field.description, indent)
+            yield from _commented(f"{text} {_as_yaml(plain)}", field.description, indent)
+
+
+def _as_yaml(value: object) -> str:
+    """The value as JSON, which is YAML 1.2, with YAML's escapes for what cannot stand in a file or be seen in it."""
+    return "".join(
+        character if character.isprintable() else f"\\U{ord(character):08x}"
+        for character in json.dumps(value, ensure_ascii=False)
+    )
 
 
 def _commented(text: str, comment: str | None, indent: str) -> Iterator[str]:

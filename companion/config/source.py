@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import warnings
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
-from ruamel.yaml import YAML
-from ruamel.yaml.error import ReusedAnchorWarning, YAMLError
-from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
+import yaml
 
 from companion.errors import InputError
 
@@ -18,20 +16,45 @@ Key = tuple[str, ...]
 """A setting's place: ("control", "margin_m"). Elements of lists stand as "0", "1" ..."""
 
 MAX_FILE_BYTES = 100_000  # ten times all settings with their comments; the parser needs seconds for more
+_TOO_LARGE = f"larger than {MAX_FILE_BYTES} bytes: this is no settings file; give another"
 MAX_DEPTH = 20
 MAX_PROBLEMS = 20  # more than a screen of them helps no one
 MAX_SHOWN = 60
 
 _YAML_TAG = "tag:yaml.org,2002:"
-_TEXT_KINDS = ("str", "timestamp", "merge", "value")  # what YAML guesses of plain text is text here
-_KINDS = ("map", "seq", "null", "bool", "int", "float", *_TEXT_KINDS)
+_SCALARS: dict[str, tuple[re.Pattern[str], Callable[[str], Any]]] = {
+    "null": (re.compile("~|null|Null|NULL|"), lambda _: None),
+    "bool": (re.compile("true|True|TRUE|false|False|FALSE"), lambda text: text.lower() == "true"),
+    "int": (
+        re.compile("[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+"),
+        lambda text: int(text, {"0o": 8, "0x": 16}.get(text[:2], 10)),
+    ),
+    "float": (
+        re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"),
+        lambda text: float(text if text[-1] in "0123456789." else text.replace(".", "")),
+    ),
+}
+"""The core schema of YAML 1.2.2, section 10.3.2: what plain text can be beside text, in this order.
+
+By it ``no``, ``off``, ``1_000``, ``0b11``, ``1:30`` and ``2001-12-14`` are text, ``017`` is 17, ``0o17`` is 15 and
+``1e3`` is 1000.0. Of these PyYAML's own YAML 1.1 makes false, false, 1000, 3, 90, a date, 15 and twice text.
+"""
+
+_TAGS = {yaml.ScalarEvent: ("str", *_SCALARS), yaml.SequenceStartEvent: ("seq",), yaml.MappingStartEvent: ("map",)}
+"""The tags that say no more than what a value is anyway."""
+
+_OTHER_LINE_ENDS = re.compile("[\x85\u2028\u2029]")
+"""They end a line for PyYAML and for no editor: what looks like a comment would be read as a setting."""
 
 
 class Source:
     """One YAML text as plain values, with the line of every key, and everything that is wrong with it.
 
-    Built from the node tree instead of a loader's objects: nodes know their lines, custom tags construct nothing, and
-    an alias is seen before it multiplies.
+    Built from the parser's events instead of a loader's objects: events know their lines, tags construct nothing, an
+    alias is seen before it multiplies, and nesting ends before it costs anything.
+
+    Raises:
+        InputError: it is not valid YAML, or no mapping.
     """
 
     def __init__(self, name: str, text: str) -> None:
@@ -39,9 +62,7 @@ class Source:
         self.lines: dict[Key, int] = {}
         self._problems: list[tuple[int, str]] = []
         self.refused: set[Key] = set()
-        self._seen: set[int] = set()
-        self._yaml = YAML(typ="safe", pure=True)
-        value = self._plain(self._compose(text), ())
+        value = self._document(text)
         if value is not None and not isinstance(value, dict):
             raise InputError(f"{name}:1: the file must hold sections such as 'control:' with keys indented below them")
         self.data: dict[str, Any] = value or {}
@@ -76,72 +97,117 @@ class Source:
         more = [f"{self.name}: and {len(messages) - MAX_PROBLEMS} more"] if len(messages) > MAX_PROBLEMS else []
         raise InputError("\n".join(messages[:MAX_PROBLEMS] + more))
 
-    def _compose(self, text: str) -> Any:
+    def _document(self, text: str) -> Any:
+        """The one document of the text as dicts, lists and scalars; None when there is none."""
+        if len(text) > MAX_FILE_BYTES:
+            raise InputError(f"{self.name}: {_TOO_LARGE}")
+        if odd := _OTHER_LINE_ENDS.search(text):
+            line = text.count("\n", 0, odd.start()) + 1
+            escape = ascii(odd[0])[1:-1]
+            raise InputError(f"{self.name}:{line}: not usable: a line separator; remove it or write {escape}")
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", ReusedAnchorWarning)  # harmless where aliases are refused
-                return self._yaml.compose(text)
-        except YAMLError as error:
-            mark = getattr(error, "problem_mark", None)
-            place = self.name if mark is None else f"{self.name}:{mark.line + 1}"
-            problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-            raise InputError(f"{place}: not valid YAML: {printable(problem)}") from None
-        except RecursionError:
-            raise InputError(f"{self.name}: nested too deeply: this is no settings file") from None
-        except (AssertionError, LookupError, ValueError) as error:  # how ruamel.yaml answers an odd %YAML line
-            raise InputError(f"{self.name}: not valid YAML: remove the lines that begin with %") from error
+            self._events: Iterator[yaml.Event] = yaml.parse(text, Loader=yaml.SafeLoader)
+            next(self._events)  # the stream begins
+            start = next(self._events)
+            if not isinstance(start, yaml.DocumentStartEvent):
+                return None
+            if start.version not in (None, (1, 2)):
+                self._fail(start, "another version of YAML than 1.2; remove the line that begins with %YAML")
+            value = self._value(next(self._events), ())
+            next(self._events)  # the document ends
+            if isinstance(another := next(self._events), yaml.DocumentStartEvent):
+                self._fail(another, "a second document begins here; a settings file holds one")
+        except yaml.MarkedYAMLError as error:
+            place = "" if error.problem_mark is None else f":{error.problem_mark.line + 1}"
+            raise InputError(f"{self.name}{place}: not valid YAML: {printable(error.problem or str(error))}") from None
+        except yaml.reader.ReaderError as error:
+            line = text.count("\n", 0, error.position) + 1
+            raise InputError(f"{self.name}:{line}: not valid YAML: {str(error).splitlines()[0]}") from None
+        except ValueError as error:  # how PyYAML answers the escape of a character that does not exist
+            raise InputError(f"{self.name}: not valid YAML: {printable(str(error))}") from error
+        return value
 
-    def _plain(self, node: Any, key: Key) -> Any:
-        """The node as dicts, lists and scalars; what cannot be used is refused and left out."""
-        if node is None:
-            return None
-        if id(node) in self._seen:
+    def _fail(self, event: yaml.Event, message: str) -> NoReturn:
+        raise InputError(f"{self.name}:{_line(event)}: {message}")
+
+    def _value(self, event: yaml.Event, key: Key) -> Any:
+        """What the event begins; what cannot be used is refused and left out."""
+        if len(key) > MAX_DEPTH:
+            self._fail(event, f"nested too deeply, more than {MAX_DEPTH} levels; remove the inner ones")
+        if isinstance(event, yaml.AliasEvent):
             self.refuse(key, "aliases (*name) are not used here; write the value out")
             return None
-        self._seen.add(id(node))
-        kind = str(node.tag).removeprefix(_YAML_TAG)
-        if kind not in _KINDS:
+        assert isinstance(event, yaml.ScalarEvent | yaml.CollectionStartEvent)  # noqa: S101 - by YAML's grammar
+        kind = (event.tag or "").removeprefix(_YAML_TAG)
+        if kind not in ("", "!", *_TAGS[type(event)]):
             self.refuse(key, f"tags such as {short(kind)} are not used here; remove it")
-        elif len(key) > MAX_DEPTH:
-            self.refuse(key[:1], "nested too deeply; remove the inner levels")
-        elif isinstance(node, MappingNode):
-            return self._mapping(node, key)
-        elif isinstance(node, SequenceNode):
-            for index, item in enumerate(node.value):
-                self.lines[*key, str(index)] = item.start_mark.line + 1
-            return [self._plain(item, (*key, str(index))) for index, item in enumerate(node.value)]
-        else:
-            return self._scalar(node, kind, key)
-        return None
+            self._skip(event)
+            return None
+        if isinstance(event, yaml.ScalarEvent):
+            return self._scalar(event, kind, key)
+        return self._mapping(key) if isinstance(event, yaml.MappingStartEvent) else self._sequence(key)
 
-    def _mapping(self, node: MappingNode, key: Key) -> dict[str, Any]:
+    def _skip(self, event: yaml.Event) -> None:
+        """Pass over everything that the event begins."""
+        depth = 0
+        while True:
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > MAX_DEPTH:
+                self._fail(event, f"nested too deeply, more than {MAX_DEPTH} levels; remove the inner ones")
+            if depth == 0:
+                return
+            event = next(self._events)
+
+    def _sequence(self, key: Key) -> list[Any]:
+        values: list[Any] = []
+        while not isinstance(event := next(self._events), yaml.SequenceEndEvent):
+            item = (*key, str(len(values)))
+            self.lines[item] = _line(event)
+            values.append(self._value(event, item))
+        return values
+
+    def _mapping(self, key: Key) -> dict[str, Any]:
         values: dict[str, Any] = {}
-        for name_node, value_node in node.value:
-            line = name_node.start_mark.line + 1
-            name = name_node.value if isinstance(name_node, ScalarNode) else None
+        while not isinstance(event := next(self._events), yaml.MappingEndEvent):
+            line = _line(event)
+            name = event.value if isinstance(event, yaml.ScalarEvent) else None
             if name is None or not _storable(name):
                 self.lines.setdefault((*key, "?"), line)
                 self.refuse((*key, "?"), "a key must be plain text")
+                self._skip(event)
+                self._skip(next(self._events))
             elif name in values:
                 self.refuse((*key, name), f"given twice, again in line {line}; remove one of the two")
+                self._skip(next(self._events))
             else:
                 self.lines[*key, name] = line
-                values[name] = self._plain(value_node, (*key, name))
+                values[name] = self._value(next(self._events), (*key, name))
         return values
 
-    def _scalar(self, node: ScalarNode, kind: str, key: Key) -> Any:
-        if kind in _TEXT_KINDS:
-            if _storable(node.value):
-                return node.value
-            self.refuse(key, f"text that cannot be stored: {short(node.value)}; use plain characters")
+    def _scalar(self, event: yaml.ScalarEvent, kind: str, key: Key) -> Any:
+        text: str = event.value
+        if event.implicit[0]:  # plain text without a tag
+            kind = next((kind for kind, (form, _) in _SCALARS.items() if form.fullmatch(text)), "")
+        if kind not in _SCALARS:
+            if _storable(text):
+                return text
+            self.refuse(key, f"text that cannot be stored: {short(text)}; use plain characters")
             return None
+        form, convert = _SCALARS[kind]
         try:
-            value = self._yaml.constructor.construct_object(node)
-            json.dumps(value)  # an int of thousands of digits fails only when it is written down
-        except (LookupError, ValueError):
-            self.refuse(key, f"value {short(node.value)} is not a number, true or false; correct it")
-            return None
-        return value
+            if form.fullmatch(text):
+                value = convert(text)
+                json.dumps(value)  # an int of thousands of digits fails only when it is written down
+                return value
+        except ValueError:
+            pass
+        self.refuse(key, f"value {short(text)} is not a number, true or false; correct it")
+        return None
+
+
+def _line(event: yaml.Event) -> int:
+    assert event.start_mark is not None  # noqa: S101 - the parser marks every event
+    return event.start_mark.line + 1
 
 
 def read_text(file: Path) -> str:
@@ -163,7 +229,7 @@ def read_text(file: Path) -> str:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise InputError(f"{name}: cannot be read: {reason}") from error
     if len(content) > MAX_FILE_BYTES:
-        raise InputError(f"{name}: larger than {MAX_FILE_BYTES} bytes: this is no settings file; give another")
+        raise InputError(f"{name}: {_TOO_LARGE}")
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

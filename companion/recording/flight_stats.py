@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
+from companion.config.source import Source
+from companion.errors import InputError
 from companion.recording.content import ENDED, ENGAGED, Topic
 from companion.recording.read import Recording, log_line, open_recording
 
@@ -252,8 +252,8 @@ def _spread_of(values: Iterable[float | None]) -> Spread | None:
 def _margin_m(settings_yaml: str) -> float | None:
     """d_s. Read as plain YAML: settings of another version may not be valid in this one."""
     try:
-        return float(YAML(typ="safe", pure=True).load(settings_yaml)["control"]["margin_m"])
-    except (YAMLError, KeyError, TypeError, ValueError):
+        return float(Source("settings", settings_yaml).data["control"]["margin_m"])
+    except (InputError, KeyError, TypeError, ValueError):
         return None
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +13,7 @@ from hypothesis import strategies as st
 
 from companion.config.load import load, load_settings, preset_names
 from companion.config.settings import Settings
-from companion.config.source import MAX_FILE_BYTES
+from companion.config.source import MAX_FILE_BYTES, Source
 from companion.errors import InputError
 from companion.model import Beam
 
@@ -83,6 +85,9 @@ class TestLayers:
         assert loaded.sensors.beams.directions == (Beam.DOWN, Beam.FRONT)
 
 
+TOO_DEEP = "nested too deeply, more than 20 levels; remove the inner ones"
+
+
 class TestFilesThatCannotBeRead:
     """One message that names the file and what to do."""
 
@@ -127,14 +132,21 @@ class TestFilesThatCannotBeRead:
         [
             ("control: [\n1,\n", "vehicle.yaml:3: not valid YAML: expected the node content, but found '<stream end>'"),
             ("a: b: c", "vehicle.yaml:1: not valid YAML: mapping values are not allowed here"),
-            ("a: 1\n---\nb: 1\n", "vehicle.yaml:2: not valid YAML: but found another document"),
-            ("a: *b\n", "vehicle.yaml:1: not valid YAML: found undefined alias 'b'"),
+            ("a: 1\n---\nb: 1\n", "vehicle.yaml:2: a second document begins here; a settings file holds one"),
             (
                 "a: \x07",
-                "vehicle.yaml: not valid YAML: unacceptable character #x0007: special characters are not allowed",
+                "vehicle.yaml:1: not valid YAML: unacceptable character #x0007: special characters are not allowed",
             ),
-            ("%YAML 1.7\n---\na: 1", "vehicle.yaml: not valid YAML: remove the lines that begin with %"),
-            ("[" * 500, "vehicle.yaml: nested too deeply: this is no settings file"),
+            ('a: "\\U00110000"', "vehicle.yaml: not valid YAML: chr() arg not in range(0x110000)"),
+            (
+                "%YAML 1.1\n---\na: no",
+                "vehicle.yaml:1: another version of YAML than 1.2; remove the line that begins with %YAML",
+            ),
+            (
+                "# a\u2028b: 1",
+                r"vehicle.yaml:1: not usable: a line separator; remove it or write \u2028",
+            ),
+            ("\n" + "[" * 500, f"vehicle.yaml:2: {TOO_DEEP}"),
         ],
     )
     def test_not_yaml(self, write: Write, text: str, line: str) -> None:
@@ -174,6 +186,10 @@ class TestForm:
         )
         assert any("aliases (*name) are not used here" in line for line in refusal(write(bomb)))
 
+    def test_an_alias_of_nothing(self, write: Write) -> None:
+        (line, *_) = refusal(write("control: *a\n"))
+        assert line == "vehicle.yaml:1: control: aliases (*name) are not used here; write the value out"
+
     def test_alias_of_itself(self, write: Write) -> None:
         (line, *_) = refusal(write("control: &a {margin_m: *a}\n"))
         assert line.startswith("vehicle.yaml:1: control.margin_m: aliases")
@@ -182,9 +198,22 @@ class TestForm:
     def test_keys_that_are_no_text(self, write: Write, text: str) -> None:
         assert refusal(write(text)) == ["vehicle.yaml:1: control.?: a key must be plain text"]
 
-    def test_nested_deeply(self, write: Write) -> None:
-        (line, *_) = refusal(write("control: {law: " + "[" * 150 + "]" * 150 + "}"))
-        assert line == "vehicle.yaml:1: control: nested too deeply; remove the inner levels"
+    @pytest.mark.parametrize(
+        "inner",
+        [
+            "[" * 150 + "]" * 150,
+            "{" * 50_000,
+            "!a " + "[" * 50_000,
+            "{? " + "[" * 50_000,
+            "[&a " * 20_000,
+        ],
+        ids=["closed", "braces", "tagged", "key", "anchors"],
+    )
+    def test_nested_deeply(self, write: Write, inner: str) -> None:
+        """Protects the stack, and whoever waits: it ends with the first level that is too deep."""
+        began = time.process_time()
+        assert refusal(write(f"control: {{law: {inner}")) == [f"vehicle.yaml:1: {TOO_DEEP}"]
+        assert time.process_time() - began < 2.0
 
     @pytest.mark.parametrize("text", ["!!int many", "!!float many", "!!bool many", "1" * 5000, "0x" + "f" * 5000])
     def test_scalars_that_are_not_what_they_say(self, write: Write, text: str) -> None:
@@ -309,6 +338,30 @@ class TestRules:
     def test_no_rule_is_judged_over_a_preset_that_was_not_meant(self, write: Write) -> None:
         (line,) = refusal(write("preset: tabel_i\ncontrol:\n  max_yaw_rate_radps: 0.3\n"))
         assert line.startswith("vehicle.yaml:1: preset: ")
+
+
+SCALARS = {
+    "text": "no off yes on y n No OFF 1_000 0x_1 0b11 0o8 0O17 0X1f -0x1 1:30 190:20:30 2001-12-14 = << . -. "
+    "e3 1e 1.5.2 inf nan -.nan +. tRUE nULL ~~ 1e3_0 '1' \"true\" '' !!str\u00a01",
+    "int": "0 -0 +1 017 08 0o17 0x1F 99999999999999999999 !!int\u00a012",
+    "float": "1e3 1E+3 1.e3 .5 -.5e-1 5. 0.0 1e400 .inf -.INF +.Inf .nan !!float\u00a01",
+    "bool": "true True TRUE false False FALSE !!bool\u00a0true",
+    "null": "~ null Null NULL",
+}
+"""What the core schema of YAML 1.2 makes of plain text; a no-break space stands for a space."""
+
+
+@pytest.mark.parametrize(("kind", "texts"), SCALARS.items())
+def test_scalars_are_those_of_yaml_1_2(kind: str, texts: str) -> None:
+    kinds: dict[type, str] = {str: "text", int: "int", float: "float", bool: "bool", type(None): "null"}
+    for text in texts.split(" "):
+        value = Source("", f"a: {text}\n".replace("\u00a0", " ")).data["a"]
+        assert kinds[type(value)] == kind, text
+
+
+def test_numbers_are_read_as_yaml_1_2_counts_them() -> None:
+    text = "[017, 0o17, 0x1F, +1, -0, 1e3, -.5e-1, 5., -.inf, 0.1]"
+    assert Source("", f"a: {text}").data["a"] == [17, 15, 31, 1, 0, 1000.0, -0.05, 5.0, -math.inf, 0.1]
 
 
 YAML_CHARACTERS = " \n\t:-?[]{},&*!|>#%'\"\\.0x1e_~\x85\u2028\ufeff"

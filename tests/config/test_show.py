@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 from pydantic import BaseModel
-from ruamel.yaml import YAML
 
 from companion.config.load import load_settings, preset_names
 from companion.config.settings import Settings
 from companion.config.show import LINE_WIDTH, dump_yaml, json_schema
+from companion.config.source import Source
 
 
 def descriptions(model: type[BaseModel]) -> Iterator[tuple[str, str | None]]:
@@ -44,9 +48,29 @@ def test_schema_accepts_what_is_shown_and_refuses_an_unknown_key() -> None:
     schema = json_schema()
     Draft202012Validator.check_schema(schema)
     validator = Draft202012Validator(schema)
-    shown = YAML(typ="safe", pure=True).load(dump_yaml(Settings()))
+    shown = yaml.safe_load(dump_yaml(Settings()))
     assert validator.is_valid({"preset": "table_i", **shown})
     assert validator.is_valid({})
     assert not validator.is_valid({"preset": "none"})
     assert not validator.is_valid({"controll": {}})
     assert not validator.is_valid({"control": {"tangent_probability": 0}})
+
+
+@given(
+    drivers=st.lists(st.text(st.characters(exclude_categories=["Cs"]), max_size=20), max_size=4),
+    pause_s=st.floats(0.0, 120.0),
+    largest=st.integers(1, 5),
+    forward=st.booleans(),
+)
+def test_any_settings_shown_load_as_the_same(drivers: list[str], pause_s: float, largest: int, forward: bool) -> None:
+    """Protects recordings and run folders: text of any kind, and numbers to their last digit."""
+    settings = Settings.model_validate(
+        {
+            "sensors": {"drivers": drivers},
+            "control": {"pause_s": pause_s, "climb_feed_forward": forward},
+            "fleet": {"largest_group": largest, "tunnel_height_m": 10.0},
+        }
+    )
+    source = Source("shown.yaml", dump_yaml(settings))
+    source.raise_problems()
+    assert Settings.model_validate_json(json.dumps(source.data), strict=True) == settings

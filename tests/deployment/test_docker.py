@@ -19,10 +19,10 @@ from urllib.parse import urlsplit
 
 import jsonschema
 import pytest
+import yaml
 from packaging.markers import Marker
 from packaging.tags import Tag, compatible_tags, cpython_tags
 from packaging.utils import parse_wheel_filename
-from ruamel.yaml import YAML
 
 from companion.config.load import load_settings
 from companion.config.show import dump_yaml
@@ -59,7 +59,7 @@ def interpolated(text: str) -> str:
 
 
 def load_compose(file: Path) -> dict[str, Any]:
-    loaded: dict[str, Any] = YAML(typ="safe").load(interpolated(file.read_text(encoding="utf-8")))
+    loaded: dict[str, Any] = yaml.safe_load(interpolated(file.read_text(encoding="utf-8")))
     return loaded
 
 
