@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import re
 from typing import Annotated
 
 from pydantic import AfterValidator, Field
 from pydantic_core import PydanticCustomError
 
 from companion.config.section import Section
-
-_LINK_URL = re.compile(r"(udpin|udpout|tcpin|tcpout)://[^\s:/]*:\d{1,5}|serial:///?[^\s:]+(:\d{3,8})?")
+from companion.mavlink.link_url import LINK_FORMS, parse_link
 
 
 def _link_url(url: str) -> str:
-    if not _LINK_URL.fullmatch(url):
-        raise PydanticCustomError(
-            "link_url",
-            "udpin://HOST:PORT (listen), udpout://HOST:PORT, tcpin://HOST:PORT, tcpout://HOST:PORT or "
-            "serial:///dev/NAME:BAUD",
-        )
+    try:
+        parse_link(url)
+    except ValueError:
+        raise PydanticCustomError("link_url", LINK_FORMS) from None
     return url
 
 
@@ -32,8 +28,7 @@ class AutopilotSettings(Section):
 
     url: LinkUrl = Field(
         "udpin://0.0.0.0:14540",
-        description="where the flight controller is: udpin://HOST:PORT (listen), udpout://HOST:PORT, "
-        "tcpin://HOST:PORT, tcpout://HOST:PORT or serial:///dev/NAME:BAUD",
+        description=f"where the flight controller is: {LINK_FORMS}",
     )
     system_id: int = Field(
         1, ge=1, le=250, description="MAVLink system id of this vehicle; the application is component 191 of it"

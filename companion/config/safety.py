@@ -13,6 +13,7 @@ from companion.config.control import ControlSettings
 from companion.config.fence import FenceSettings
 from companion.config.reactions import Level, ReactionsSettings
 from companion.config.section import Section
+from companion.mavlink.link_url import LINK_FORMS
 
 ABOVE_CONTROL: dict[Level, float] = {"normal": 1.1, "cautious": 1.05}
 """A limit that is left out is this many times what control asks for: what is above is not the law's."""
@@ -167,10 +168,7 @@ class DistanceSettings(Section):
 class AttachedSettings(Section):
     """Somebody else who is given the autopilot's messages."""
 
-    url: LinkUrl = Field(
-        description="where it is: udpin://HOST:PORT (listen), udpout://HOST:PORT, tcpin://HOST:PORT, "
-        "tcpout://HOST:PORT or serial:///dev/NAME:BAUD"
-    )
+    url: LinkUrl = Field(description=f"where it is: {LINK_FORMS}")
     may: Literal["read", "command", "odometry"] = Field(
         "read",
         description="what may come back: read (nothing), command (all but setpoints: a ground station) or odometry "

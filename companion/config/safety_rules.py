@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import combinations
-from urllib.parse import urlsplit
 
 from companion.config.autopilot import AutopilotSettings
 from companion.config.control import ControlSettings
@@ -12,6 +11,7 @@ from companion.config.safety import SafetySettings
 from companion.config.section import refuse
 from companion.config.sensors import SensorSettings
 from companion.config.vehicle import VehicleSettings
+from companion.mavlink.link_url import parse_link
 
 LEAST_PERIODS = 1.5
 """A threshold below this many periods calls a healthy stream late whenever its jitter adds up."""
@@ -149,20 +149,10 @@ def check_attached(safety: SafetySettings, autopilot: AutopilotSettings) -> None
     places = [("autopilot.url", autopilot.url)]
     places += [(f"safety.attached.{index}.url", one.url) for index, one in enumerate(safety.attached)]
     for (key, url), (other_key, other) in combinations(places, 2):
-        if _place(url) == _place(other):
+        if parse_link(url).place == parse_link(other).place:
             raise refuse(
                 f"{other_key} = {other} is the same place as {key} = {url}: each needs its own, the gate gives every "
                 "partner the messages that it may have",
                 other_key,
                 key,
             )
-
-
-def _place(url: str) -> tuple[str, str]:
-    """What two may not share: a port that is listened on, whatever the address; an address; a device."""
-    parts = urlsplit(url)
-    if parts.scheme in ("udpin", "tcpin"):
-        return parts.scheme, url.rpartition(":")[2]
-    if parts.scheme == "serial":
-        return parts.scheme, "/" + parts.path.partition(":")[0].lstrip("/")
-    return parts.scheme, parts.netloc

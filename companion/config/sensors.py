@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
-import re
 from typing import Annotated, Self
 
 from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from companion.config.section import Section, refuse
+from companion.config.stream_address import parse_address
+from companion.errors import InputError
 from companion.model import Beam, Camera
 
 
 def _stream_url(url: str) -> str:
-    if not re.fullmatch(r"tcp://[^\s:/]+:\d{1,5}|unix:///\S+", url):
-        raise PydanticCustomError("stream_url", "tcp://HOST:PORT or unix:///PATH")
+    try:
+        parse_address(url)
+    except InputError:
+        raise PydanticCustomError("stream_url", "tcp://HOST:PORT or unix:///PATH") from None
     return url
 
 

@@ -11,8 +11,8 @@ from companion.gate.runtime.serial import SerialPort
 from companion.gate.runtime.tcp import StreamTransport, TcpIn, TcpOut
 from companion.gate.runtime.udp import UdpIn, UdpOut
 from companion.mavlink.codec import Frame
+from companion.mavlink.link_url import NetworkLink, SerialLink, parse_link
 
-DEFAULT_BAUD = 57600
 AUTOPILOT_WAITING_BYTES = 2048
 """May wait in a TCP connection to the autopilot: what a stopped connection keeps arrives too late."""
 ATTACHED_WAITING_BYTES = 65536
@@ -58,51 +58,37 @@ def open_transport(url: str, system_id: int | None = None, accept: Accept | None
     """The link that a URL names.
 
     Args:
-        url: ``udpin://HOST:PORT``, ``udpout://``, ``tcpin://``, ``tcpout://`` or ``serial://DEVICE:BAUD``.
+        url: as `companion.mavlink.link_url` has it.
         system_id: of the vehicle, when this is the link to its autopilot; None: somebody attached.
         accept: gives each message as it is passed on, or None to refuse it; None: all are welcome.
 
     Raises:
         InputError: it is no such URL, the host is unknown, or the port cannot be listened on.
     """
-    scheme, _, rest = url.partition("://")
-    waiting = ATTACHED_WAITING_BYTES if system_id is None else AUTOPILOT_WAITING_BYTES
-    if scheme == "serial":
-        device, colon, baud = rest.rpartition(":")
-        if not colon:
-            device, baud = rest, str(DEFAULT_BAUD)
-        if not device or not baud.isdecimal():
-            raise _no_url(url)
-        return StreamTransport(SerialPort(device, int(baud)), accept)
-    if scheme not in ("udpin", "udpout", "tcpin", "tcpout"):
-        raise _no_url(url)
-    address = _address(url, rest, listens=scheme.endswith("in"))
     try:
-        if scheme == "udpin":
+        link = parse_link(url)
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    if isinstance(link, SerialLink):
+        return StreamTransport(SerialPort(link.device, link.baud), accept)
+    address = _address(url, link)
+    waiting = ATTACHED_WAITING_BYTES if system_id is None else AUTOPILOT_WAITING_BYTES
+    try:
+        if link.scheme == "udpin":
             return UdpIn(address, system_id, accept)
-        if scheme == "udpout":
+        if link.scheme == "udpout":
             return UdpOut(address, accept)
-        return StreamTransport((TcpIn if scheme == "tcpin" else TcpOut)(address, waiting), accept)
+        return StreamTransport((TcpIn if link.listens else TcpOut)(address, waiting), accept)
     except OSError as error:
         raise InputError(
             f"{url} cannot be listened on: {error.strerror}; end what uses it, or configure another"
         ) from error
 
 
-def _address(url: str, rest: str, *, listens: bool) -> tuple[str, int]:
-    host, _, port = rest.rpartition(":")
-    if not port.isdecimal() or not 0 < int(port) < 65536 or not (host or listens):
-        raise _no_url(url)
+def _address(url: str, link: NetworkLink) -> tuple[str, int]:
     try:
-        found = socket.getaddrinfo(host or "0.0.0.0", int(port), socket.AF_INET)  # noqa: S104 - as the URL says
+        found = socket.getaddrinfo(link.host or "0.0.0.0", link.port, socket.AF_INET)  # noqa: S104 - as the URL says
     except OSError as error:
         raise InputError(f"{url}: no such host ({error.strerror})") from error
     number: tuple[str, int] = found[0][4][:2]  # type: ignore[assignment]
     return number
-
-
-def _no_url(url: str) -> InputError:
-    return InputError(
-        f"{url} is no link: udpin://HOST:PORT, udpout://HOST:PORT, tcpin://HOST:PORT, tcpout://HOST:PORT or "
-        "serial:///dev/NAME:BAUD"
-    )

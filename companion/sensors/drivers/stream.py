@@ -12,9 +12,9 @@ from collections.abc import Callable
 
 from companion.clock import Clock, ClockAlignment
 from companion.config.settings import Settings
+from companion.config.stream_address import TcpAddress, parse_address
 from companion.errors import CompanionError
 from companion.model import Camera, RangeReading
-from companion.sensors.drivers.address import TcpAddress, parse_address
 from companion.sensors.drivers.driver import DriverContext
 from companion.sensors.drivers.framing import Decoder, FramingError, encode_ping
 from companion.sensors.drivers.messages import DepthImage, Message, Ping, Pong, Ranges

@@ -71,24 +71,9 @@ def opened(url: str, system_id: int | None = 1) -> Iterator[Transport]:
 # --- addresses --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "url",
-    [
-        "http://127.0.0.1:80",
-        "udpin",
-        "udpin://127.0.0.1",
-        "udpin://127.0.0.1:0",
-        "udpin://127.0.0.1:99999",
-        "udpin://127.0.0.1:x",
-        "udpout://:14550",
-        "tcpout://:1",
-        "serial://",
-        "serial:///dev/ttyACM0:fast",
-    ],
-)
-def test_an_address_that_is_none_is_refused_in_words(url: str) -> None:
+def test_an_address_that_is_none_is_refused_in_words() -> None:
     with pytest.raises(InputError, match="is no link: udpin://"):
-        open_transport(url)
+        open_transport("http://127.0.0.1:80")
 
 
 def test_an_unknown_host_is_refused_in_words() -> None:

@@ -11,9 +11,9 @@ import pytest
 
 from companion.autopilot.interface import Link
 from companion.config.settings import Settings
+from companion.config.stream_address import TcpAddress, UnixAddress, parse_address
 from companion.errors import InputError
 from companion.sensors.drivers import driver
-from companion.sensors.drivers.address import TcpAddress, UnixAddress, parse_address
 from companion.sensors.drivers.driver import DriverContext, SensorDriver, load_drivers
 from companion.sensors.sink import SensorSink
 from tests.sensors.clocks import HandClock
