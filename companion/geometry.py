@@ -24,6 +24,19 @@ def rotation(yaw_rad: float, pitch_rad: float, roll_rad: float) -> NDArray[np.fl
     )
 
 
+def quaternion(yaw_rad: float, pitch_rad: float, roll_rad: float) -> tuple[float, float, float, float]:
+    """The quaternion (w, x, y, z) of the same rotation."""
+    cy, sy = math.cos(yaw_rad / 2.0), math.sin(yaw_rad / 2.0)
+    cp, sp = math.cos(pitch_rad / 2.0), math.sin(pitch_rad / 2.0)
+    cr, sr = math.cos(roll_rad / 2.0), math.sin(roll_rad / 2.0)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
 def camera_to_world(camera: Camera, pose: Pose) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Rotation (3, 3) and position (3,) of the camera's forward-left-up frame in the world."""
     body = rotation(pose.yaw_rad, pose.pitch_rad, pose.roll_rad)

@@ -29,6 +29,9 @@ ABSURD = 1e6
 A NaN is not smaller either, so one comparison finds both.
 """
 
+MOST_RAYS = 65536
+"""No planar scanner has more rays a turn."""
+
 
 class Mode(enum.StrEnum):
     """The modes of the paper's navigation law (7), and the one in which nothing may move."""

@@ -8,7 +8,7 @@ from collections import deque
 from dataclasses import astuple, dataclass
 from typing import Generic, TypeVar
 
-from companion.model import Pose, wrap_rad
+from companion.model import ABSURD, Pose, wrap_rad
 
 EXTRAPOLATION_S = 0.03
 """How far beyond the newest sample a pose may be guessed, from the rates of that sample: 3 cm at 1 m/s."""
@@ -18,8 +18,6 @@ NEAREST_ATTITUDE_S = 0.05
 """`PoseBuffer.newest` takes an attitude this old: at 1 rad/s of turn that is 3°."""
 SAMPLES = 1024
 """Of each kind: two seconds at 500 Hz."""
-LARGEST = 1e6
-"""No position, speed or angle of a vehicle in a mine is larger; a number that is, is garbage from the wire."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +88,7 @@ class _Track(Generic[Sample]):
     def add(self, sample: Sample) -> bool:
         """False when it is refused: not finite, absurd, or not later than the newest."""
         t_s, *values = astuple(sample)
-        if not math.isfinite(t_s) or not all(abs(value) <= LARGEST for value in values):
+        if not math.isfinite(t_s) or not all(abs(value) < ABSURD for value in values):
             return False
         if self.samples and t_s <= self.samples[-1].t_s:
             return False

@@ -16,8 +16,8 @@ from companion.mavlink.estimator import ESTIMATOR
 from companion.mavlink.ids import MavCmd, MavComponent, MavModeFlag
 from companion.mavlink.modes import mode_name
 from companion.mavlink.text import printable
-from companion.model import Pose
-from companion.pose_buffer import LARGEST, PoseBuffer
+from companion.model import ABSURD, Pose
+from companion.pose_buffer import PoseBuffer
 
 PERIOD_S = 0.1
 TIMESYNC_FIRST_S = 5.0
@@ -232,7 +232,7 @@ class Telemetry:
     def _pose(self, message: Message, **ned: float) -> Pose | None:
         """The numbers of one message, in our frames; what it does not say is zero."""
         t_s = self._stamp_s(message)
-        if t_s is None or not all(abs(value) <= LARGEST for value in ned.values()):
+        if t_s is None or not all(abs(value) < ABSURD for value in ned.values()):
             self.malformed += 1
             return None
         return pose_from_ned(NedPose(**(dict.fromkeys(NedPose.__slots__, 0.0) | ned | {"t_s": t_s})))

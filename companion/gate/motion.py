@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping
 
 LARGEST_M = 1e6
-"""No flight leads a thousand kilometres away. A NaN is not smaller either."""
+"""No flight leads a thousand kilometres away; a NaN is not smaller either. The same as `companion.model.ABSURD`, whose
+module needs numpy, which the gate does without."""
 LONGEST_GAP_S = 1.0
 """Over a longer gap nobody can say where a velocity should have led."""
 RESTART_S = 1.0

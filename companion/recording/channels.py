@@ -31,6 +31,7 @@ from foxglove.messages import (
 )
 from foxglove.messages import Pose as PoseMessage
 
+from companion.geometry import quaternion
 from companion.model import CLEAR, HIT, Camera, DepthFrame, Pose, Scan
 from companion.recording.content import Tick, Topic
 from companion.recording.observation import encode, number
@@ -267,15 +268,8 @@ def _calibration(camera: Camera, stamp: Timestamp) -> CameraCalibration:
 
 
 def _quaternion(yaw_rad: float, pitch_rad: float, roll_rad: float) -> Quaternion:
-    """Of R = Rz(yaw) Ry(pitch) Rx(roll); NaN for angles that are no angles."""
+    """Of Rz(yaw)·Ry(pitch)·Rx(roll); NaN for angles that are no angles."""
     if not all(math.isfinite(angle) for angle in (yaw_rad, pitch_rad, roll_rad)):
         return Quaternion(x=math.nan, y=math.nan, z=math.nan, w=math.nan)
-    cy, sy = math.cos(yaw_rad / 2.0), math.sin(yaw_rad / 2.0)
-    cp, sp = math.cos(pitch_rad / 2.0), math.sin(pitch_rad / 2.0)
-    cr, sr = math.cos(roll_rad / 2.0), math.sin(roll_rad / 2.0)
-    return Quaternion(
-        x=sr * cp * cy - cr * sp * sy,
-        y=cr * sp * cy + sr * cp * sy,
-        z=cr * cp * sy - sr * sp * cy,
-        w=cr * cp * cy + sr * sp * sy,
-    )
+    w, x, y, z = quaternion(yaw_rad, pitch_rad, roll_rad)
+    return Quaternion(x=x, y=y, z=z, w=w)

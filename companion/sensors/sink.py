@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.clock import Clock
-from companion.model import Beam, Camera, FloatArray, RangeReading
+from companion.model import MOST_RAYS, Beam, Camera, FloatArray, RangeReading
 from companion.sensors.statistics import Stream, StreamStatistics
 
 DEPTH, PLANAR = "depth", "planar"
@@ -21,8 +21,6 @@ STREAMS = (DEPTH, *(beam.value for beam in Beam), PLANAR)
 FUTURE_S = 0.1
 """A stamp further ahead of our clock than this is wrong: clocks that are aligned disagree by less."""
 
-MOST_RAYS = 65536
-"""No planar scanner has more rays a turn."""
 
 WIDEST = 20.0
 """Tangent of the angle between a camera's axis and the edge of its image: 87°."""

@@ -30,19 +30,6 @@ def ned_velocity(north_mps: float, east_mps: float, down_mps: float, yaw_rate_ra
     return pose_from_ned(NedPose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, north_mps, east_mps, down_mps, yaw_rate_radps))
 
 
-def quaternion(roll_rad: float, pitch_rad: float, yaw_rad: float) -> list[float]:
-    """w, x, y, z of Rz(yaw) Ry(pitch) Rx(roll)."""
-    cr, sr = math.cos(roll_rad / 2), math.sin(roll_rad / 2)
-    cp, sp = math.cos(pitch_rad / 2), math.sin(pitch_rad / 2)
-    cy, sy = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
-    return [
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    ]
-
-
 def yaw_of(q: list[float]) -> float | None:
     """The yaw of a quaternion w, x, y, z; ``None`` when it is none."""
     w, x, y, z = q

@@ -7,9 +7,10 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from companion.frames import NedPose, pose_to_ned
+from companion.geometry import quaternion
 from companion.model import Pose
 from sitl.autopilot.battery import CELLS
-from sitl.autopilot.mavlink import Message, quaternion
+from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
 from sitl.autopilot.origin import GlobalPosition, to_global
 from sitl.autopilot.personality import Personality
@@ -127,7 +128,7 @@ class Telemetry:
 
     def _attitude_quaternion(self) -> Message:
         ned = self._estimate()[1]
-        q = quaternion(ned.roll_rad, ned.pitch_rad, ned.yaw_rad)
+        q = quaternion(ned.yaw_rad, ned.pitch_rad, ned.roll_rad)
         return m.MAVLink_attitude_quaternion_message(self._boot_ms, *q, 0.0, 0.0, ned.yaw_rate_radps)
 
     def _local_position(self) -> Message | None:
@@ -171,7 +172,7 @@ class Telemetry:
         true = self._state.airframe.pose
         ned = pose_to_ned(true)
         lat_e7, lon_e7, alt_mm = to_global(true.x_m, true.y_m, true.z_m)
-        q = quaternion(ned.roll_rad, ned.pitch_rad, ned.yaw_rad)
+        q = quaternion(ned.yaw_rad, ned.pitch_rad, ned.roll_rad)
         velocity = [_short(100.0 * v) for v in (ned.v_north_mps, ned.v_east_mps, ned.v_down_mps)]
         return m.MAVLink_hil_state_quaternion_message(
             round(self._state.since_boot_s * 1e6), q, 0.0, 0.0, ned.yaw_rate_radps, lat_e7, lon_e7, alt_mm, *velocity,
@@ -182,9 +183,10 @@ class Telemetry:
         true = self._state.airframe.pose
         ned = pose_to_ned(true)
         lat_e7, lon_e7, alt_mm = to_global(true.x_m, true.y_m, true.z_m)
+        q = quaternion(ned.yaw_rad, ned.pitch_rad, ned.roll_rad)
         angles = (ned.roll_rad, ned.pitch_rad, ned.yaw_rad)
         return m.MAVLink_sim_state_message(
-            *quaternion(*angles), *angles, 0.0, 0.0, -9.81, 0.0, 0.0, ned.yaw_rate_radps, lat_e7 * 1e-7, lon_e7 * 1e-7,
+            *q, *angles, 0.0, 0.0, -9.81, 0.0, 0.0, ned.yaw_rate_radps, lat_e7 * 1e-7, lon_e7 * 1e-7,
             alt_mm * 1e-3, 0.0, 0.0, ned.v_north_mps, ned.v_east_mps, ned.v_down_mps, lat_e7, lon_e7,
         )  # fmt: skip
 
@@ -279,7 +281,7 @@ class Telemetry:
         right_mps = c * ned.v_east_mps - s * ned.v_north_mps
         return m.MAVLink_odometry_message(
             round(self._state.since_boot_s * 1e6), m.MAV_FRAME_LOCAL_NED, m.MAV_FRAME_BODY_FRD,
-            ned.north_m, ned.east_m, ned.down_m, quaternion(ned.roll_rad, ned.pitch_rad, ned.yaw_rad),
+            ned.north_m, ned.east_m, ned.down_m, quaternion(ned.yaw_rad, ned.pitch_rad, ned.roll_rad),
             forward_mps, right_mps, ned.v_down_mps, 0.0, 0.0, ned.yaw_rate_radps, _NO_COVARIANCE, _NO_COVARIANCE,
             0, m.MAV_ESTIMATOR_TYPE_AUTOPILOT, 100,
         )  # fmt: skip

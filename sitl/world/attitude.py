@@ -1,4 +1,4 @@
-"""Quaternions (w, x, y, z) and the angles of Rz(yaw)·Ry(pitch)·Rx(roll), whichever frames they turn between."""
+"""From a quaternion (w, x, y, z) to the angles of Rz(yaw)·Ry(pitch)·Rx(roll), and what follows from these angles."""
 
 from __future__ import annotations
 
@@ -22,19 +22,6 @@ def angles_of(quaternion: Sequence[float]) -> Triple | None:
     pitch_rad = math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x))))
     yaw_rad = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     return roll_rad, pitch_rad, yaw_rad
-
-
-def quaternion_of(roll_rad: float, pitch_rad: float, yaw_rad: float) -> tuple[float, float, float, float]:
-    """The quaternion (w, x, y, z) of three angles in rad."""
-    cr, sr = math.cos(roll_rad / 2.0), math.sin(roll_rad / 2.0)
-    cp, sp = math.cos(pitch_rad / 2.0), math.sin(pitch_rad / 2.0)
-    cy, sy = math.cos(yaw_rad / 2.0), math.sin(yaw_rad / 2.0)
-    return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
 
 
 def yaw_rate_of(roll_rad: float, pitch_rad: float, pitch_speed_radps: float, yaw_speed_radps: float) -> float:

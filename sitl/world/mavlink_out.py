@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.frames import bearing_from_frd, pose_to_ned
+from companion.geometry import quaternion
 from companion.model import Beam, PlanarScan, RangeReading
-from sitl.world.attitude import body_velocity, quaternion_of
+from sitl.world.attitude import body_velocity
 from sitl.world.odometry import Align, Estimate, OdometrySettings
 
 ORIENTATIONS = {
@@ -86,7 +87,13 @@ class Outgoing:
             frame = mavlink.MAV_FRAME_LOCAL_NED if north else mavlink.MAV_FRAME_LOCAL_FRD
             self._sender.odometry_send(
                 *(time_usec, frame, mavlink.MAV_FRAME_BODY_FRD, *place),
-                *(quaternion_of(*angles), *body_velocity(ned), 0.0, 0.0, ned.yaw_rate_radps),
+                *(
+                    quaternion(ned.yaw_rad, ned.pitch_rad, ned.roll_rad),
+                    *body_velocity(ned),
+                    0.0,
+                    0.0,
+                    ned.yaw_rate_radps,
+                ),
                 *(self._pose_covariance, self._twist_covariance, resets, mavlink.MAV_ESTIMATOR_TYPE_VIO, 100),
             )
         elif self._feed is Feed.VISION:

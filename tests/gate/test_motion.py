@@ -6,8 +6,9 @@ import math
 
 import pytest
 
-from companion.gate.motion import Motion
+from companion.gate.motion import LARGEST_M, Motion
 from companion.gate.vehicle import Vehicle
+from companion.model import ABSURD
 from tests.gate.built import PLAN
 
 STILL = {"x": 0.0, "y": 0.0, "z": 0.0, "vx": 0.0, "vy": 0.0, "vz": 0.0}
@@ -164,3 +165,8 @@ def test_a_vehicle_begins_anew_before_anything_was_heard() -> None:
     assert (vehicle.armed, vehicle.airborne, vehicle.taken_over, vehicle.shown_mode) == (False, False, None, None)
     vehicle.on_command_sent(176, {"param2": math.nan, "param3": 0.0}, 191)
     assert vehicle.asked_modes == frozenset()
+
+
+def test_what_is_absurd_is_so_on_both_sides() -> None:
+    """The gate has the number for itself, because it may not import numpy."""
+    assert LARGEST_M == ABSURD

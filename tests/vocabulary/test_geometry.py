@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
-from companion.geometry import camera_to_level, camera_to_world, pixel_tangents, rotation
+from companion.geometry import camera_to_level, camera_to_world, pixel_tangents, quaternion, rotation
 from companion.model import Camera, Pose
 
 QUARTER = math.pi / 2.0
@@ -151,3 +151,13 @@ def test_a_block_of_pixels_looks_along_the_mean_of_its_rays(pool: int) -> None:
     for fine, coarse in ((left, pooled_left), (up, pooled_up)):
         whole = fine[: fine.size // pool * pool]
         np.testing.assert_allclose(coarse, whole.reshape(-1, pool).mean(axis=1), atol=ROUNDING)
+
+
+@given(yaw_rad=angles, pitch_rad=angles, roll_rad=angles)
+def test_the_quaternion_is_the_same_rotation(yaw_rad: float, pitch_rad: float, roll_rad: float) -> None:
+    """V + 2w(u x v) + 2u x (u x v) for each axis, with u the vector part."""
+    w, *u = quaternion(yaw_rad, pitch_rad, roll_rad)
+    axes = np.eye(3)
+    across = np.cross(u, axes)
+    turned = axes + 2.0 * w * across + 2.0 * np.cross(u, across)
+    np.testing.assert_allclose(turned.T, rotation(yaw_rad, pitch_rad, roll_rad), atol=ROUNDING)

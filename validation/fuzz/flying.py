@@ -29,9 +29,8 @@ from companion.mapping.process.client import MapWorker
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavCmd
 from companion.mavlink.modes import personality, px4_mode
-from companion.model import Setpoint
+from companion.model import ABSURD, Setpoint
 from companion.pipeline import Explorer
-from companion.pose_buffer import LARGEST
 from companion.recording import Recorder
 from companion.sensors.drivers.mavlink import MavlinkDriver
 from companion.sensors.sink import RawDepth, SensorSink
@@ -224,7 +223,7 @@ def check_setpoint(fields: dict[str, Any]) -> None:
 def check_pose(pose: Any) -> None:
     """Finite, and on this planet."""
     values = [getattr(pose, name) for name in pose.__slots__]
-    assert all(isinstance(value, float) and math.isfinite(value) and abs(value) <= LARGEST for value in values), pose
+    assert all(isinstance(value, float) and math.isfinite(value) and abs(value) < ABSURD for value in values), pose
 
 
 @asynccontextmanager

@@ -41,14 +41,12 @@ from companion.mapping.process.slots import SlotRing
 from companion.mapping.process.status import MapError, MapStatus
 from companion.mapping.process.supervisor import MapProcess
 from companion.mapping.process.tally import Tally
-from companion.model import Camera, DepthFrame, PlanarScan
+from companion.model import MOST_RAYS, Camera, DepthFrame, PlanarScan
 
 STALE_S = 5.0
 """A process that has been silent for this long does not say any more that the map is complete."""
 
 MOST_CAMERAS = 8
-MOST_RAYS = 65536
-"""No planar scanner has more rays a turn."""
 
 _log = logging.getLogger(__name__)
 

@@ -20,9 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.errors import CompanionError
-from companion.model import Camera, FloatArray, RangeReading
+from companion.model import MOST_RAYS, Camera, FloatArray, RangeReading
 from companion.sensors.drivers.messages import MOST_READINGS, READERS, Bytes, Kind, Message, Ping, Pong
-from companion.sensors.sink import MOST_RAYS
 
 MAGIC = b"\x8eCSS"
 VERSION = 1

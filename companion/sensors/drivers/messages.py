@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.model import Beam, Camera, RangeReading
-from companion.sensors.sink import MOST_RAYS, RawPlanar
+from companion.model import MOST_RAYS, Beam, Camera, RangeReading
+from companion.sensors.sink import RawPlanar
 
 MOST_READINGS = 64
 """Readings in one message."""

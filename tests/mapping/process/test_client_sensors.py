@@ -11,9 +11,9 @@ import numpy as np
 
 from companion.config.mapping import MapSettings
 from companion.mapping import VoxelMap
-from companion.mapping.process.client import MOST_RAYS, MapWorker
+from companion.mapping.process.client import MapWorker
 from companion.mapping.process.kept_map import KeptMap
-from companion.model import DepthFrame, PlanarScan
+from companion.model import MOST_RAYS, DepthFrame, PlanarScan
 from tests.mapping.process.workers import CAMERA, HIGH_M, LOW_M, child_of, give, images, mapper, until
 from tests.mapping.voxels import scenes
 
