@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from companion.geometry import camera_to_level, pixel_tangents
 from companion.model import CLEAR, HIT, UNKNOWN, DepthFrame, FloatArray
-from companion.perception.ground import SECTORS, ground_at, ground_profiles
+from companion.perception.ground import SECTORS, View, ground_at, ground_profiles
 from companion.perception.look import Look
 
 POOLED_WIDTH_PX = 160
@@ -77,25 +77,15 @@ def look_ahead(frame: DepthFrame, h_m: float, slab: Slab, bins: int) -> tuple[Lo
     """
     camera = frame.camera
     pool = max(1, camera.width_px // POOLED_WIDTH_PX)
-    depth = pool_nearest(frame.depth_m, pool)
-    left, up = pixel_tangents(camera, pool)
-    to_level, offset = camera_to_level(camera, frame.pose)
-    profile, seen = ground_profiles(
-        depth, left, up, to_level, offset, h_m, camera.min_range_m, camera.max_range_m, slab.max_ground_slope
-    )
-    ranges, state, covered = _slab(
-        depth,
-        left,
-        up,
-        to_level,
-        offset,
-        profile,
-        h_m,
-        slab.half_height_m,
+    view = View(
+        pool_nearest(frame.depth_m, pool),
+        *pixel_tangents(camera, pool),
+        *camera_to_level(camera, frame.pose),
         camera.min_range_m,
         camera.max_range_m,
-        bins,
     )
+    profile, seen = ground_profiles(view, h_m, slab.max_ground_slope)
+    ranges, state, covered = _slab(view, profile, h_m, slab.half_height_m, bins)
     slope: float | None = None
     if seen > 0:
         ahead = 0.5 * sum(ground_at(profile, s, SLOPE_LOOK_M, h_m) for s in (SECTORS // 2 - 1, SECTORS // 2))
@@ -116,18 +106,10 @@ def look_ahead(frame: DepthFrame, h_m: float, slab: Slab, bins: int) -> tuple[Lo
 
 @njit(cache=True, nogil=True)
 def _slab(
-    depth: NDArray[np.float32],
-    left: NDArray[np.float64],
-    up: NDArray[np.float64],
-    to_level: NDArray[np.float64],
-    offset_m: NDArray[np.float64],
-    profile: NDArray[np.float64],
-    h_m: float,
-    half_height_m: float,
-    min_range_m: float,
-    max_range_m: float,
-    bins: int,
+    view: View, profile: NDArray[np.float64], h_m: float, half_height_m: float, bins: int
 ) -> tuple[FloatArray, NDArray[np.uint8], NDArray[np.bool_]]:
+    """Range, state and cover of each bearing, from the pixels within ``half_height_m`` of h above the ground."""
+    depth, left, up, to_level, offset_m, min_range_m, max_range_m = view
     height, width = depth.shape
     nearest = np.full(bins, np.inf)
     second = np.full(bins, np.inf)

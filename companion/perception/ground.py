@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -30,18 +32,30 @@ WALL_POINTS = 4
 """As many of them end the ground: beyond a wall there is none, and its upper part must not be taken for a ramp."""
 
 
+class View(NamedTuple):
+    """A depth image, and what places its pixels about the vehicle.
+
+    Attributes:
+        depth_m: (height, width) along the optical axis, NaN where not measured.
+        left: (width,) left component of the pixel rays per unit of depth.
+        up: (height,) their up component.
+        to_level: (3, 3) rotation from the camera to the levelled body frame.
+        offset_m: (3,) position of the camera in that frame.
+        min_range_m: depth below this was not measured.
+        max_range_m: depth at or beyond this is free space.
+    """
+
+    depth_m: NDArray[np.float32]
+    left: NDArray[np.float64]
+    up: NDArray[np.float64]
+    to_level: NDArray[np.float64]
+    offset_m: NDArray[np.float64]
+    min_range_m: float
+    max_range_m: float
+
+
 @njit(cache=True, nogil=True)
-def ground_profiles(
-    depth: NDArray[np.float32],
-    left: NDArray[np.float64],
-    up: NDArray[np.float64],
-    to_level: NDArray[np.float64],
-    offset_m: NDArray[np.float64],
-    h_m: float,
-    min_range_m: float,
-    max_range_m: float,
-    max_slope: float,
-) -> tuple[NDArray[np.float64], int]:
+def ground_profiles(view: View, h_m: float, max_slope: float) -> tuple[NDArray[np.float64], int]:
     """Ground height relative to the vehicle, by sector of the image and distance.
 
     Walks outward from the point below the vehicle, where the ground is h below, and accepts the lowest surface of each
@@ -49,20 +63,15 @@ def ground_profiles(
     it off, and where nothing is seen, the last known height is kept.
 
     Args:
-        depth: (height, width) depth along the optical axis, NaN where not measured.
-        left: (width,) left component of the pixel rays; ``up``: (height,) the up component.
-        up: see ``left``.
-        to_level: (3, 3) rotation from camera to the levelled body frame.
-        offset_m: (3,) position of the camera in that frame.
+        view: the image.
         h_m: height above the ground below the vehicle.
-        min_range_m: depth below this was not measured.
-        max_range_m: depth at or beyond this is free space, not ground.
         max_slope: steepest ground, rise over run.
 
     Returns:
         (SECTORS, cells) heights at distances (cell + 0.5)·STEP_M, and in how many cells ground was really seen in the
         two sectors about the image's middle.
     """
+    depth, left, up, to_level, offset_m, min_range_m, max_range_m = view
     height, width = depth.shape
     cells = max(1, int(np.ceil(max_range_m / STEP_M)))
     low = np.full((SECTORS, cells), np.inf)

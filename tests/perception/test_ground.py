@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from companion.geometry import camera_to_level, pixel_tangents
 from companion.model import DepthFrame
-from companion.perception.ground import SECTORS, STEP_M, STEP_TOLERANCE_M, ground_at, ground_profiles
+from companion.perception.ground import SECTORS, STEP_M, STEP_TOLERANCE_M, View, ground_at, ground_profiles
 from tests.perception.scenes import AT_START, CAMERA, FLOOR, H_M, ROOF, Surface, frame, ramp, tilted, wall_ahead
 
 MAX_SLOPE = 0.7
@@ -25,15 +25,14 @@ ROUNDING_M = 1e-5
 
 def profiles(image: DepthFrame, max_slope: float = MAX_SLOPE, h_m: float = H_M) -> tuple[NDArray[np.float64], int]:
     camera = image.camera
-    heights, seen = ground_profiles(
+    view = View(
         image.depth_m,
         *pixel_tangents(camera),
         *camera_to_level(camera, image.pose),
-        h_m,
         camera.min_range_m,
         camera.max_range_m,
-        max_slope,
     )
+    heights, seen = ground_profiles(view, h_m, max_slope)
     return heights, seen
 
 
