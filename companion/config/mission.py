@@ -1,4 +1,4 @@
-"""When a flight begins, and how it ends."""
+"""The course of a flight: when it begins, how it ends, and what is recorded of it."""
 
 from __future__ import annotations
 
@@ -31,3 +31,14 @@ class MissionSettings(Section):
         10.0, ge=1.0, le=600.0, description="standing still without fresh inputs for this long ends the flight, in s"
     )
     skip_checks: tuple[str, ...] = Field((), description="names of pre-flight checks to skip; recorded with the flight")
+
+
+class RecordSettings(Section):
+    """What is recorded of a flight, as MCAP: opens in Foxglove and Rerun."""
+
+    enabled: bool = Field(True, description="whether flights are recorded")
+    folder: str = Field("flights", min_length=1, description="each flight makes a new folder in it")
+    depth: bool = Field(True, description="record the depth images too, so that the flight can be replayed")
+    largest_mb: float = Field(
+        4000.0, ge=10.0, le=1e6, description="size of a recording at which it stops; depth images go first, in MB"
+    )

@@ -9,15 +9,13 @@ from pydantic import Field, model_validator
 from companion.config import safety_rules
 from companion.config.autopilot import AutopilotSettings
 from companion.config.control import ControlSettings
-from companion.config.fleet import FleetSettings
 from companion.config.mapping import MapSettings
-from companion.config.mission import MissionSettings
-from companion.config.record import RecordSettings
+from companion.config.mission import MissionSettings, RecordSettings
 from companion.config.safety import SafetySettings
 from companion.config.section import Section, refuse
 from companion.config.sensors import SensorSettings
 from companion.config.sim import SimSettings
-from companion.config.vehicle import VehicleSettings
+from companion.config.vehicle import FleetSettings, VehicleSettings
 
 
 class Settings(Section):

@@ -9,13 +9,12 @@ import numpy as np
 
 from companion.control import edges, laws
 from companion.control.choice import Choice
+from companion.control.decisions import LapCounter, TangentLedger
 from companion.control.edges import Edge
 from companion.control.governor import governed_speed_mps
 from companion.control.known_ground import KnownGround
-from companion.control.laps import LapCounter
 from companion.control.parameters import Parameters
 from companion.control.ramp import Ramp
-from companion.control.tangents import TangentLedger
 from companion.control.target import Target, TargetKind, world_point
 from companion.model import ABSURD, HIT, Measurement, Mode, Pose, Scan, Setpoint, wrap_rad
 

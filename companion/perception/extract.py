@@ -21,13 +21,12 @@ from companion.model import (
     Input,
     Measurement,
     Observation,
-    PlanarScan,
     Pose,
     Scan,
 )
 from companion.perception.clearance import AHEAD_MARGIN_M, ahead_m
 from companion.perception.depth import Slab, look_ahead
-from companion.perception.look import Look, bin_bearings
+from companion.perception.look import Look, bin_bearings, planar_look
 from companion.perception.rangefinders import Beams
 from companion.perception.scan_memory import ScanMemory
 
@@ -154,24 +153,6 @@ class Extractor:
         self._memory.remember(read_at, np.array([bearing_rad]), np.array([range_m]), reading.t_s)
         if scan.state[b] != HIT or range_m < scan.ranges_m[b]:
             scan.ranges_m[b], scan.state[b], scan.fresh[b] = range_m, HIT, True
-
-
-def planar_look(planar: PlanarScan, bins: int) -> Look:
-    """A planar scan as a look: the nearest ray of each bearing bin; CLEAR where all its rays saw nothing near."""
-    ranges, state = np.zeros(bins), np.full(bins, UNKNOWN, np.uint8)
-    index = ((planar.bearings_rad + np.pi) / (2.0 * np.pi) * bins).astype(np.int64) % bins
-    # Many scanners say 0 for no return: it is no obstacle at 0 m.
-    measured = planar.ranges_m > 0.0
-    nearest = np.full(bins, np.inf)
-    np.minimum.at(nearest, index[measured], planar.ranges_m[measured])
-    looked = np.zeros(bins, np.bool_)
-    looked[index[measured]] = True
-    hit = looked & (nearest < planar.max_range_m)
-    ranges[hit], state[hit] = nearest[hit], HIT
-    clear = looked & ~hit
-    ranges[clear], state[clear] = planar.max_range_m, CLEAR
-    pose = planar.pose
-    return Look(planar.t_s, pose.x_m, pose.y_m, pose.yaw_rad, ranges, state, looked, planar.max_range_m)
 
 
 @njit(cache=True, nogil=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.model import FloatArray
+from companion.model import CLEAR, HIT, UNKNOWN, FloatArray, PlanarScan
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,3 +36,21 @@ class Look:
 def bin_bearings(bins: int) -> FloatArray:
     """Centres of ``bins`` even bearings over [-π, π)."""
     return np.asarray(-np.pi + (np.arange(bins) + 0.5) * (2.0 * np.pi / bins), np.float64)
+
+
+def planar_look(planar: PlanarScan, bins: int) -> Look:
+    """A planar scan as a look: the nearest ray of each bearing bin; CLEAR where all its rays saw nothing near."""
+    ranges, state = np.zeros(bins), np.full(bins, UNKNOWN, np.uint8)
+    index = ((planar.bearings_rad + np.pi) / (2.0 * np.pi) * bins).astype(np.int64) % bins
+    # Many scanners say 0 for no return: it is no obstacle at 0 m.
+    measured = planar.ranges_m > 0.0
+    nearest = np.full(bins, np.inf)
+    np.minimum.at(nearest, index[measured], planar.ranges_m[measured])
+    looked = np.zeros(bins, np.bool_)
+    looked[index[measured]] = True
+    hit = looked & (nearest < planar.max_range_m)
+    ranges[hit], state[hit] = nearest[hit], HIT
+    clear = looked & ~hit
+    ranges[clear], state[clear] = planar.max_range_m, CLEAR
+    pose = planar.pose
+    return Look(planar.t_s, pose.x_m, pose.y_m, pose.yaw_rad, ranges, state, looked, planar.max_range_m)

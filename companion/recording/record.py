@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Self
 
 from companion.clock import Clock
-from companion.config.record import RecordSettings
+from companion.config.mission import RecordSettings
 from companion.recording.content import FlightInfo, Tick
 from companion.recording.file import RecordingFile
 from companion.recording.writing import Writing

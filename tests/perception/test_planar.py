@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from companion.model import CLEAR, HIT, UNKNOWN, PlanarScan
-from companion.perception.extract import planar_look
-from companion.perception.look import Look, bin_bearings
+from companion.perception.look import Look, bin_bearings, planar_look
 from tests.perception.scenes import AT_START
 
 LIMIT_M = 10.0

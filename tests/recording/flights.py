@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.config.record import RecordSettings
+from companion.config.mission import RecordSettings
 from companion.config.sensors import CameraSettings, PlanarSettings, SensorSettings
 from companion.config.settings import Settings
 from companion.model import (

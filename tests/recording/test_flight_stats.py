@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from companion.config.record import RecordSettings
+from companion.config.mission import RecordSettings
 from companion.errors import InputError
 from companion.model import Mode
 from companion.recording import Recorder

@@ -23,7 +23,7 @@ from foxglove.messages import Log, LogLevel, RawImage, Timestamp
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.config.record import RecordSettings
+from companion.config.mission import RecordSettings
 from companion.errors import InputError
 from companion.model import Beam, Camera, DepthFrame, Mode, Observation, PlanarScan, Pose, RangeReading
 from companion.recording import Recorder, open_recording
@@ -439,7 +439,7 @@ KILLED = """
 import sys, time
 from pathlib import Path
 from companion.clock import MonotonicClock
-from companion.config.record import RecordSettings
+from companion.config.mission import RecordSettings
 from companion.recording import Recorder
 from tests.recording.flights import make_frame, make_info, make_tick
 clock = MonotonicClock()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from companion.config.control import ControlSettings
-from companion.config.record import RecordSettings
+from companion.config.mission import RecordSettings
 from companion.errors import InputError
 from companion.recording import open_recording
 from companion.recording.replay import replay

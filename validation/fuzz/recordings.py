@@ -18,7 +18,7 @@ from mcap.records import Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
-from companion.config.record import RecordSettings
+from companion.config.mission import RecordSettings
 from companion.errors import InputError
 from companion.model import Beam, DepthFrame, Observation, PlanarScan, Pose, RangeReading
 from companion.pipeline import Explorer

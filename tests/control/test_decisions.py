@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.control.tangents import TangentLedger
+from companion.control.decisions import TangentLedger
 
 SAME_M, FORGET_S = 1.0, 5.0
 
