@@ -164,7 +164,7 @@ class PlanarScan:
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """Everything the sensors said by ``t_s``: only what is new since the last observation."""
+    """What the sensors measured by ``t_s``: only what is new since the last observation."""
 
     t_s: float
     pose: Pose
@@ -218,8 +218,8 @@ class Measurement:
         d_dot_mps: rate of change of d.
         ahead_m: distance to the nearest obstacle ahead within the width of the body, from its centre; infinite when
             what is known there is free, NaN when nothing is known there.
-        ranges_age_s: how old the last word of that beam is which has been silent longest, of those that the vehicle
-            counts on; infinite when one never spoke.
+        ranges_age_s: age of the newest reading of the beam that has been silent longest, of those that the vehicle
+            counts on; infinite when one has never reported.
         missing: the inputs that are absent or stale; empty when the vehicle may fly.
     """
 

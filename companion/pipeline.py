@@ -33,7 +33,7 @@ class Explorer:
         self._extractor = Extractor(settings.sensors, settings.vehicle)
 
     def look(self, observation: Observation) -> Measurement:
-        """Measure without steering: on the ground, and while somebody else flies."""
+        """Measure without steering: on the ground, and while the pilot flies."""
         return self._extractor.measure(observation)
 
     def step(self, observation: Observation) -> Steering:

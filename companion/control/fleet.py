@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """The last word of a vehicle about where it is, in the frame that the vehicles share."""
+    """A vehicle's newest position, in the frame that the vehicles share."""
 
     t_s: float
     x_m: float
@@ -38,8 +38,8 @@ class Fleet:
         self._reports: dict[int, Report] = {}
         self._group: frozenset[int] = frozenset({own_id})
 
-    def heard(self, vehicle_id: int, report: Report) -> None:
-        """Note a report; one that is older than what is known, or not finite, is ignored."""
+    def on_report(self, vehicle_id: int, report: Report) -> None:
+        """Keep a report; one that is older than what is known, or not finite, is ignored."""
         known = self._reports.get(vehicle_id)
         finite = all(map(math.isfinite, (report.t_s, report.x_m, report.y_m, report.z_m)))
         if finite and (known is None or report.t_s >= known.t_s):

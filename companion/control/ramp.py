@@ -10,7 +10,7 @@ import math
 from companion.model import Setpoint
 
 LONGEST_GAP_S = 0.5
-"""After a pause longer than this nobody knows that the vehicle still does what it was told last: it begins at rest."""
+"""After a pause longer than this nobody knows that the vehicle still follows the last setpoint: it begins at rest."""
 
 
 class Ramp:

@@ -1,4 +1,4 @@
-"""How far the way ahead is free within the width of the body: what the safety gate is told of it."""
+"""Free distance ahead within the width of the body, which the safety gate is sent with each setpoint."""
 
 from __future__ import annotations
 

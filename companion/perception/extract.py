@@ -43,7 +43,7 @@ _SIDEWAYS = {Beam.FRONT: 0.0, Beam.LEFT: math.pi / 2.0, Beam.BACK: -math.pi, Bea
 
 
 class Extractor:
-    """Keeps the newest word of each sensor and makes a `Measurement` of them, once a tick.
+    """Keeps the newest reading of each sensor and makes a `Measurement` of them, once a tick.
 
     Args:
         settings: sensors and scan.
@@ -64,7 +64,7 @@ class Extractor:
     def measure(self, observation: Observation) -> Measurement:
         """The measurement at ``observation.t_s``, from this observation and the memory of the earlier ones."""
         t_s, pose = observation.t_s, observation.pose
-        self._beams.hear(observation.ranges, pose)
+        self._beams.on_readings(observation.ranges, pose)
         h_m = self._beams.height_m(pose, t_s)
         if observation.frame is not None and h_m is not None and observation.frame.pose.is_finite:
             h_then_m = h_m + observation.frame.pose.z_m - pose.z_m

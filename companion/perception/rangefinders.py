@@ -1,4 +1,4 @@
-"""Single-beam rangefinders: the last word of each, what it says of height and roof, and how long it has been silent."""
+"""Single-beam rangefinders: the newest reading of each, height and roof from it, and how long it has been silent."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ class Beams:
         # The law flies on without the roof: it only makes the vehicle fly lower.
         self._counted_on = tuple(beam for beam in settings.directions if beam is not Beam.UP)
         self._readings: dict[Beam, tuple[RangeReading, Pose]] = {}
-        self._heard_s: dict[Beam, float] = {}
+        self._reported_s: dict[Beam, float] = {}
 
-    def hear(self, readings: Iterable[RangeReading], pose: Pose) -> None:
-        """Take what came in a tick, with the pose of that tick."""
+    def on_readings(self, readings: Iterable[RangeReading], pose: Pose) -> None:
+        """Keep the readings of a tick, with the pose of that tick."""
         for reading in readings:
             # One that measured nothing does not hide the last one that did: that one ages by itself.
             if reading.range_m is not None:
                 self._readings[reading.beam] = (reading, pose)
-            # A beam beside that sees nothing has spoken: it may look down a drift. Below there is always a ground.
+            # A beam to the side that sees nothing works: it may look down a drift. Below there is always a ground.
             if reading.beam is not Beam.DOWN or _measured_m(reading) is not None:
-                self._heard_s[reading.beam] = reading.t_s
+                self._reported_s[reading.beam] = reading.t_s
 
     def fresh(self, beam: Beam, t_s: float) -> tuple[RangeReading, Pose] | None:
         """The newest reading that is one, and the pose when it came; None when it is too old or from the future."""
@@ -49,7 +49,7 @@ class Beams:
         return level_m if level_m > 0.0 else None
 
     def height_m(self, pose: Pose, t_s: float) -> float | None:
-        """H (paper Definition 3.7), tilt compensated, carried on by the climb since the reading."""
+        """The height h (paper Definition 3.7), tilt compensated, carried on by the climb since the reading."""
         known = self._readings.get(Beam.DOWN)
         if known is None:
             return None
@@ -60,11 +60,11 @@ class Beams:
         return height_m if math.isfinite(height_m) else None
 
     def oldest_age_s(self, t_s: float) -> float:
-        """How long that configured beam has been silent which has been so longest; the one upward is not counted on.
+        """Time since the newest reading of the configured beam that has been silent longest; the one upward may be.
 
-        Infinite when one never spoke, or its last word has a stamp from the future: that says nothing of its age.
+        Infinite when a beam has never reported, or its newest stamp lies in the future: that says nothing of its age.
         """
-        ages_s = (t_s - self._heard_s.get(beam, -math.inf) for beam in self._counted_on)
+        ages_s = (t_s - self._reported_s.get(beam, -math.inf) for beam in self._counted_on)
         return max(age_s if age_s >= 0.0 else math.inf for age_s in ages_s)
 
 

@@ -191,7 +191,7 @@ class Simulation:
         reports = [(flight.log.vehicle_id, flight.report()) for flight in self.flights]
         for flight in self.flights:
             for number, report in reports:
-                flight.fleet.heard(number, report)
+                flight.fleet.on_report(number, report)
         for i, (_, a) in enumerate(reports):
             for _, b in reports[i + 1 :]:
                 apart_m = math.dist((a.x_m, a.y_m, a.z_m), (b.x_m, b.y_m, b.z_m))

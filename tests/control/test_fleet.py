@@ -36,7 +36,7 @@ def fleet_of(own_id: int, places_m: dict[int, float], t_s: float = 0.0) -> Fleet
     """What a vehicle knows that has heard all of them, itself included."""
     fleet = lone(own_id)
     for vehicle_id, x_m in places_m.items():
-        fleet.heard(vehicle_id, along(x_m, t_s))
+        fleet.on_report(vehicle_id, along(x_m, t_s))
     return fleet
 
 
@@ -129,7 +129,7 @@ def test_groups_are_the_connected_components(reports: dict[int, Report]) -> None
     for own_id in reports:
         fleet = lone(own_id)
         for vehicle_id, report in reports.items():
-            fleet.heard(vehicle_id, report)
+            fleet.on_report(vehicle_id, report)
         assert fleet.group(0.0) == in_one(found, own_id)
 
 
@@ -143,7 +143,7 @@ def test_vehicles_of_a_group_never_share_a_layer(reports: dict[int, Report]) -> 
         for own_id in sorted(component):
             fleet = lone(own_id)
             for vehicle_id, report in reports.items():
-                fleet.heard(vehicle_id, report)
+                fleet.on_report(vehicle_id, report)
             heights.append(fleet.height_m(0.0, ALONE_M))
         # Rounding of multiples of d_M/(n + 1).
         assert all(high - low >= D_M / (len(component) + 1) - 1e-12 for high, low in pairwise(heights))
@@ -157,7 +157,7 @@ def test_a_silent_vehicle_keeps_its_layer() -> None:
     fleet = fleet_of(1, {1: 0.0, 2: 3.0})
     assert fleet.height_m(0.0, ALONE_M) == 2.0
     for t_s in range(1, 60):
-        fleet.heard(1, along(-0.5 * t_s, t_s))
+        fleet.on_report(1, along(-0.5 * t_s, t_s))
         assert fleet.height_m(float(t_s) + 0.5, ALONE_M) == 2.0
 
 
@@ -165,7 +165,7 @@ def test_a_vehicle_that_reports_from_afar_leaves_the_group() -> None:
     """It is silence that reserves a layer, not having once been near: a fresh report from 10 m away frees it."""
     fleet = fleet_of(1, {1: 0.0, 2: 3.0})
     assert fleet.group(0.0) == {1, 2}
-    fleet.heard(2, along(10.0, 30.0))
+    fleet.on_report(2, along(10.0, 30.0))
     assert fleet.group(30.0) == {1}
     # And falling silent out there does not bring it back.
     assert fleet.group(90.0) == {1}
@@ -175,7 +175,7 @@ def test_a_vehicle_that_fell_silent_afar_is_met_where_it_was() -> None:
     """Its last position counts on: flying there, the vehicle makes room for it."""
     fleet = fleet_of(1, {1: 0.0, 2: 50.0})
     assert fleet.group(0.0) == {1}
-    fleet.heard(1, along(48.0, 100.0))
+    fleet.on_report(1, along(48.0, 100.0))
     assert fleet.group(100.0) == {1, 2}
 
 
@@ -184,7 +184,7 @@ def test_silence_begins_when_the_report_is_stale(age_s: float, group: set[int]) 
     """Up to the set age a report says where the vehicle is; afterwards only where it was."""
     fleet = fleet_of(1, {1: 0.0, 2: 3.0})
     assert fleet.group(0.0) == {1, 2}
-    fleet.heard(1, along(-10.0, age_s))
+    fleet.on_report(1, along(-10.0, age_s))
     assert fleet.group(age_s) == group
 
 
@@ -194,9 +194,9 @@ def test_silence_begins_when_the_report_is_stale(age_s: float, group: set[int]) 
 def test_a_report_that_comes_late_is_ignored() -> None:
     """Radio messages overtake each other: the newest counts, in whatever order they come."""
     fleet = fleet_of(1, {1: 0.0, 2: 50.0}, t_s=10.0)
-    fleet.heard(2, along(3.0, 9.9))
+    fleet.on_report(2, along(3.0, 9.9))
     assert fleet.group(10.0) == {1}
-    fleet.heard(2, along(3.0, 10.1))
+    fleet.on_report(2, along(3.0, 10.1))
     assert fleet.group(10.1) == {1, 2}
 
 
@@ -207,9 +207,9 @@ def test_a_report_that_is_not_finite_is_ignored(field: int, bad: float) -> None:
     fleet = fleet_of(1, {1: 0.0, 2: 3.0})
     numbers = [1.0, 3.0, 0.0, 1.5]
     numbers[field] = bad
-    fleet.heard(2, Report(*numbers))
+    fleet.on_report(2, Report(*numbers))
     assert fleet.group(0.0) == {1, 2}
-    fleet.heard(2, along(50.0, 2.0))
+    fleet.on_report(2, along(50.0, 2.0))
     assert fleet.group(2.0) == {1}
 
 
@@ -225,7 +225,7 @@ def test_the_height_is_always_one_of_a_group_that_holds_the_vehicle(
     """Whatever is heard in whatever order: finite, above the ground, below the roof, and 1 is always in its group."""
     fleet = lone(1)
     for vehicle_id, report in reports:
-        fleet.heard(vehicle_id, report)
+        fleet.on_report(vehicle_id, report)
         for t_s in times_s:
             group = fleet.group(t_s)
             assert 1 in group
