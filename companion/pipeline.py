@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.config.settings import Settings
-from companion.control import Navigator
+from companion.control.navigator import Navigator
 from companion.model import Measurement, Observation, Setpoint
 from companion.perception import Extractor
 

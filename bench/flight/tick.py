@@ -12,7 +12,7 @@ import numpy as np
 from bench.table import Row, parser, show
 from companion.config.load import load_settings
 from companion.config.settings import Settings
-from companion.control import Navigator
+from companion.control.navigator import Navigator
 from companion.model import Observation
 from companion.perception import Extractor
 from sitl.mines import load_world

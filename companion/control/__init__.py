@@ -1,11 +1,6 @@
 """The paper's navigation law: Measurement -> Setpoint.
 
-Pure: no I/O, no clock, no asyncio, no randomness but the generator handed in. `Navigator` is the state machine of
-Section 3 of the paper; the other modules are its equations, one idea a file.
+Pure: no I/O, no clock, no asyncio, no randomness but the generator handed in. `navigator.Navigator` is the state
+machine of Section 3 of the paper; the other modules are its equations, one idea a file. Nothing is imported here: the
+configuration needs `parameters`, and must not wait for the compiler that the others need.
 """
-
-from companion.control.navigator import Navigator, Status
-from companion.control.parameters import Parameters
-from companion.control.target import TargetKind
-
-__all__ = ["Navigator", "Parameters", "Status", "TargetKind"]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 from companion.autopilot.status_reporter import Announcer
 from companion.autopilot.telemetry import Telemetry
-from companion.control import Navigator
+from companion.control.navigator import Navigator
 from companion.flight.control_loop import TickRecord
 from companion.flight.preflight import CheckResult
 from companion.flight.termination import Ending

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config.control import ControlSettings
-from companion.control import Navigator
+from companion.control.navigator import Navigator
 from companion.model import (
     CLEAR,
     FRONT_RAD,

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from hypothesis import settings
 
-from companion.control import Navigator
+from companion.control.navigator import Navigator
 from companion.model import CLEAR, HIT, UNKNOWN, Measurement, Mode, Pose, Scan
 from tests.control.scene import BEARINGS_RAD, BINS, law_parameters, measurement, scan_of
 

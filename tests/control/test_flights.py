@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.config.sim import NoiseSettings
-from companion.control import Navigator
+from companion.control.navigator import Navigator
 from companion.model import FloatArray, Measurement, Mode, Pose, wrap_rad
 from tests.control.scene import (
     Scene,

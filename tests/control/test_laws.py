@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.control import Parameters, laws
+from companion.control import laws
+from companion.control.parameters import Parameters
 from companion.model import Mode, Pose, Setpoint, wrap_rad
 from tests.control.scene import law_parameters, unicycle
 

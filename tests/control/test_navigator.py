@@ -13,9 +13,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.control import Navigator, TargetKind, edges
+from companion.control import edges
 from companion.control.known_ground import KnownGround
-from companion.control.navigator import FORGET_TANGENT_S
+from companion.control.navigator import FORGET_TANGENT_S, Navigator
+from companion.control.target import TargetKind
 from companion.model import HIT, UNKNOWN, Input, Measurement, Mode, Pose, wrap_rad
 from tests.control.scene import BEARINGS_RAD, Scene, box, fly, law_parameters, measurement
 from tests.control.stages import (

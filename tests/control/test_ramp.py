@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.control import Navigator
+from companion.control.navigator import Navigator
 from companion.control.ramp import LONGEST_GAP_S, Ramp
 from companion.model import Input, Mode, Setpoint
 from tests.control.scene import Scene, box, fly, law_parameters, measurement

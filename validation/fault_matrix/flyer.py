@@ -18,9 +18,10 @@ import typer
 
 from companion import pipeline as explorer
 from companion.config.settings import Settings
-from companion.control import Parameters, laws
+from companion.control import laws
 from companion.control.governor import braking_speed_mps
 from companion.control.navigator import Status
+from companion.control.parameters import Parameters
 from companion.control.ramp import Ramp
 from companion.flight import __main__ as flight_process
 from companion.flight.launch import unsealed
