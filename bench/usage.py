@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import time
 from dataclasses import dataclass
-from pathlib import Path
+
+import psutil
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,8 +18,7 @@ class Usage:
 
     @classmethod
     def of(cls, pid: int) -> Usage:
-        """By the word of the kernel."""
-        fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-        ticks = int(fields[11]) + int(fields[12])
-        pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
-        return cls(time.monotonic(), ticks / os.sysconf("SC_CLK_TCK"), pages * os.sysconf("SC_PAGE_SIZE") / 1e6)
+        """As the kernel counts."""
+        process = psutil.Process(pid)
+        cpu = process.cpu_times()
+        return cls(time.monotonic(), cpu.user + cpu.system, process.memory_info().rss / 1e6)
