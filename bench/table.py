@@ -7,6 +7,8 @@ from argparse import ArgumentParser
 from collections.abc import Sequence
 from pathlib import Path
 
+from companion import text_table
+
 Row = dict[str, object]
 
 
@@ -20,9 +22,7 @@ def parser(description: str | None) -> ArgumentParser:
 def show(rows: Sequence[Row], columns: Sequence[str], json_file: Path | None = None) -> None:
     """Print the named columns of the rows, and write all that the rows hold."""
     cells = [[_text(row.get(column)) for column in columns] for row in rows]
-    widths = [max(len(column), *(len(line[k]) for line in cells)) for k, column in enumerate(columns)]
-    for line in [list(columns), ["-" * width for width in widths], *cells]:
-        print("  ".join(text.rjust(width) for text, width in zip(line, widths, strict=True)))
+    print("\n".join(text_table.columns([columns, *cells], left=())))
     if json_file is not None:
         write(rows, json_file)
 

@@ -16,6 +16,7 @@ from companion.config.source import Source
 from companion.errors import InputError
 from companion.recording.content import ENDED, ENGAGED, Topic
 from companion.recording.read import Recording, log_line, open_recording
+from companion.text_table import columns
 
 NEAR_M = 0.15
 """Below d_s by more than this counts as too near: so far a good law may swing."""
@@ -138,8 +139,7 @@ def render(found: Figures) -> str:
         ("mode changes", str(found.mode_changes)),
         ("wall clock set by", _text(found.wall_clock_step_s, "s", 3)),
     ]
-    width = max(len(name) for name, _ in rows)
-    return "\n".join(f"{name:<{width}}  {text}" for name, text in rows)
+    return "\n".join(columns(rows, left=(0, 1)))
 
 
 @dataclass

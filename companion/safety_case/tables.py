@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,8 +9,7 @@ from companion.config.reactions import ReactionSettings
 from companion.config.settings import Settings
 from companion.gate.faults import CLEARS, Clear, Fault
 from companion.safety_case.stopping_budget import BudgetLine
-
-WIDTH = 110
+from companion.text_table import columns, wrapped
 
 _WATCHED: dict[Fault, tuple[str, str]] = {
     Fault.SETPOINT_LATE: ("safety.stale.setpoint_s", "s"),
@@ -37,7 +35,7 @@ _WATCHED: dict[Fault, tuple[str, str]] = {
 
 
 def render_budget(lines: Sequence[BudgetLine], settings: Settings) -> str:
-    """The stopping budget as plain text of at most `WIDTH` columns."""
+    """The stopping budget as plain text of at most `text_table.WIDTH` columns."""
     control, body_m = settings.control, settings.vehicle.body_radius_m
     speed_mps = settings.safety.speed_limit_mps(control)
     rows = [_budget_row(line, settings) for line in lines]
@@ -46,16 +44,19 @@ def render_budget(lines: Sequence[BudgetLine], settings: Settings) -> str:
     stopping = [line for line in lines if line.stops]
     least = min(stopping, key=lambda line: line.remaining_m)
     reaching = [line.fault for line in stopping if line.reaches_wall]
-    told = [
+    meaning = (
         "Straight at a wall, at the worst speed up to what the gate lets pass, "
         f"{speed_mps:g} m/s. From: distance to the wall when the fault strikes; stands at: when the vehicle stands; "
-        "both from the middle of the body. Left: between body and wall.",
+        "both from the middle of the body. Left: between body and wall."
+    )
+    result = [
         f"d_s = {control.margin_m:g} m, d_c = {control.critical_margin_m:g} m, hard limit = "
         f"{settings.hard_limit_m:.3g} m, body radius = {body_m:g} m, law: {control.speed_law}",
+        f"least left: {least.remaining_m:.2f} m ({least.fault})",
+        f"A WALL CAN BE REACHED: {', '.join(reaching)}" if reaching else "no wall can be reached",
     ]
-    told.append(f"least left: {least.remaining_m:.2f} m ({least.fault})")
-    told.append(f"A WALL CAN BE REACHED: {', '.join(reaching)}" if reaching else "no wall can be reached")
-    return "\n".join([*_wrapped(told[:1]), "", *_table([header, units, *rows]), "", *_wrapped(told[1:])])
+    table = columns([header, units, *rows])
+    return "\n".join([*wrapped(meaning), "", *table, "", *(line for text in result for line in wrapped(text))])
 
 
 def _budget_row(line: BudgetLine, settings: Settings) -> tuple[str, ...]:
@@ -83,12 +84,11 @@ def render_faults(settings: Settings) -> str:
         meaning = type(reactions).model_fields[fault.value].description or ""
         over = "by itself" if CLEARS[fault] is Clear.BY_ITSELF else "never"
         rows.append((fault.value, _threshold(fault, settings), *_answer(reaction), over, meaning.partition(";")[0]))
-    safety = settings.safety
-    notes = [
-        f"Over: gone for {safety.recover_s:g} s; never: not in this flight. After hold or land only a person begins "
-        "anew.",
-    ]
-    return "\n".join([*_table(rows, left=(0, 1, 2, 5, 6)), "", *_wrapped(notes)])
+    note = (
+        f"Over: gone for {settings.safety.recover_s:g} s; never: not in this flight. After hold or land only a person "
+        "begins anew."
+    )
+    return "\n".join([*columns(rows, left=(0, 1, 2, 5, 6)), "", *wrapped(note)])
 
 
 def _threshold(fault: Fault, settings: Settings) -> str:
@@ -113,18 +113,3 @@ def _answer(reaction: ReactionSettings) -> tuple[str, str, str]:
 
 def _after(delay_s: float | None) -> str:
     return "-" if delay_s is None else f"{delay_s:g} s"
-
-
-def _table(rows: Sequence[Sequence[str]], left: Sequence[int] = (0,)) -> list[str]:
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    return [
-        "  ".join(
-            cell.ljust(width) if i in left else cell.rjust(width)
-            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
-
-
-def _wrapped(paragraphs: Sequence[str]) -> list[str]:
-    return [line for paragraph in paragraphs for line in textwrap.wrap(paragraph, WIDTH)]

@@ -11,7 +11,7 @@ import pytest
 from companion.cli import main as cli
 from companion.config.load import load_settings
 from companion.gate.faults import Fault
-from companion.safety_case.tables import WIDTH
+from companion.text_table import WIDTH
 
 ROOT = Path(__file__).parents[2]
 SAFETY_CASE = ROOT / "docs" / "safety.md"

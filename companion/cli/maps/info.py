@@ -14,6 +14,7 @@ from companion.cli.maps.sources import map_at, opened
 from companion.mapping.files.facts import MapFacts, facts_of
 from companion.mapping.journal import Header, Journal
 from companion.mapping.voxels.piece import MapSource
+from companion.text_table import columns
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +100,7 @@ def _render(info: MapInfo) -> str:
         ("chunks", f"{facts.chunks:,} of 16 x 16 x 16 voxels"),
         ("damage", _damage(info)),
     ]
-    return "\n".join(f"{name:<13} {text}" for name, text in rows)
+    return "\n".join(columns(rows, left=(0, 1)))
 
 
 def _model(info: MapInfo) -> str:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-WIDTH = 110
+from companion.text_table import wrapped
+
 _INDENT = " " * 7
 
 
@@ -47,11 +47,11 @@ def render(results: Sequence[CheckResult]) -> str:
         line = f"{mark:<4}  {result.name:<{name_width}}  {result.found}"
         if not result.skipped:
             line += f" (wanted: {result.wanted})"
-        lines += _wrapped(line, " " * (name_width + 8))
+        lines += wrapped(line, " " * (name_width + 8))
         if result.failed:
-            lines += _wrapped(_INDENT + result.reason, _INDENT)
+            lines += wrapped(_INDENT + result.reason, _INDENT)
         if result.fix:
-            lines += _wrapped(f"{_INDENT}-> {result.fix}", _INDENT + "   ")
+            lines += wrapped(f"{_INDENT}-> {result.fix}", _INDENT + "   ")
     failed = sum(result.failed for result in results)
     skipped = sum(result.skipped for result in results)
     passed = len(results) - failed - skipped
@@ -67,7 +67,3 @@ def refusal(results: Sequence[CheckResult]) -> str | None:
     what = "; ".join(f"{result.name}: {result.found}, wanted {result.wanted}" for result in failed)
     checks = "a pre-flight check" if len(failed) == 1 else f"{len(failed)} pre-flight checks"
     return f"not armed: {checks} failed: {what}. `companion check` says why; --fix sets parameters, --skip NAME skips"
-
-
-def _wrapped(text: str, indent: str) -> list[str]:
-    return textwrap.wrap(text, WIDTH, subsequent_indent=indent, drop_whitespace=True) or [text]
