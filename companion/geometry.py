@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ def rotation(yaw_rad: float, pitch_rad: float, roll_rad: float) -> NDArray[np.fl
 
 
 def quaternion(yaw_rad: float, pitch_rad: float, roll_rad: float) -> tuple[float, float, float, float]:
-    """The quaternion (w, x, y, z) of the same rotation."""
+    """The unit quaternion (w, x, y, z) of the same rotation, in MAVLink's order."""
     cy, sy = math.cos(yaw_rad / 2.0), math.sin(yaw_rad / 2.0)
     cp, sp = math.cos(pitch_rad / 2.0), math.sin(pitch_rad / 2.0)
     cr, sr = math.cos(roll_rad / 2.0), math.sin(roll_rad / 2.0)
@@ -35,6 +36,19 @@ def quaternion(yaw_rad: float, pitch_rad: float, roll_rad: float) -> tuple[float
         cr * sp * cy + sr * cp * sy,
         cr * cp * sy - sr * sp * cy,
     )
+
+
+def angles_of(quaternion: Sequence[float]) -> tuple[float, float, float] | None:
+    """Yaw, pitch and roll in rad of a quaternion (w, x, y, z); None when the four numbers are no rotation."""
+    w, x, y, z = quaternion
+    norm = math.sqrt(w * w + x * x + y * y + z * z)
+    if not 0.5 < norm < 2.0:  # also refuses NaN
+        return None
+    w, x, y, z = w / norm, x / norm, y / norm, z / norm
+    yaw_rad = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    pitch_rad = math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x))))
+    roll_rad = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    return yaw_rad, pitch_rad, roll_rad
 
 
 def camera_to_world(camera: Camera, pose: Pose) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -7,10 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from companion.frames import NedPose, pose_from_ned
+from companion.geometry import angles_of
 from sitl.autopilot.commands import Commands
 from sitl.autopilot.estimator import Odometry
 from sitl.autopilot.guidance import body_velocity
-from sitl.autopilot.mavlink import Message, finite, ned_velocity, yaw_of
+from sitl.autopilot.mavlink import Message, finite, ned_velocity
 from sitl.autopilot.mavlink import dialect as m
 from sitl.autopilot.personality import Personality
 from sitl.autopilot.state import Obstacles, State, Target
@@ -171,9 +172,10 @@ class Inbox:
         return []
 
     def _odometry(self, message: Message) -> list[Message]:
-        yaw_rad = yaw_of(list(message.q))
-        stamp_s = message.time_usec * 1e-6
-        return self._feed(message, (message.x, message.y, message.z), yaw_rad, stamp_s, with_speed=True)
+        angles = angles_of(message.q)
+        yaw_rad = None if angles is None else angles[0]
+        where, stamp_s = (message.x, message.y, message.z), message.time_usec * 1e-6
+        return self._feed(message, where, yaw_rad, stamp_s, with_speed=True)
 
     def _vision_position(self, message: Message) -> list[Message]:
         yaw_rad = message.yaw if math.isfinite(message.yaw) else None

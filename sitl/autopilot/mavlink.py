@@ -28,12 +28,3 @@ def finite(*values: float) -> bool:
 def ned_velocity(north_mps: float, east_mps: float, down_mps: float, yaw_rate_radps: float) -> Pose:
     """A velocity in MAVLink's frame as a `Pose` in ours, of which only the velocities mean something."""
     return pose_from_ned(NedPose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, north_mps, east_mps, down_mps, yaw_rate_radps))
-
-
-def yaw_of(q: list[float]) -> float | None:
-    """The yaw of a quaternion w, x, y, z; ``None`` when it is none."""
-    w, x, y, z = q
-    length = math.sqrt(w * w + x * x + y * y + z * z)
-    if not finite(w, x, y, z) or not 0.5 < length < 2.0:
-        return None
-    return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)

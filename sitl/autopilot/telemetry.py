@@ -183,11 +183,10 @@ class Telemetry:
         true = self._state.airframe.pose
         ned = pose_to_ned(true)
         lat_e7, lon_e7, alt_mm = to_global(true.x_m, true.y_m, true.z_m)
-        q = quaternion(ned.yaw_rad, ned.pitch_rad, ned.roll_rad)
-        angles = (ned.roll_rad, ned.pitch_rad, ned.yaw_rad)
         return m.MAVLink_sim_state_message(
-            *q, *angles, 0.0, 0.0, -9.81, 0.0, 0.0, ned.yaw_rate_radps, lat_e7 * 1e-7, lon_e7 * 1e-7,
-            alt_mm * 1e-3, 0.0, 0.0, ned.v_north_mps, ned.v_east_mps, ned.v_down_mps, lat_e7, lon_e7,
+            *quaternion(ned.yaw_rad, ned.pitch_rad, ned.roll_rad), ned.roll_rad, ned.pitch_rad, ned.yaw_rad,
+            0.0, 0.0, -9.81, 0.0, 0.0, ned.yaw_rate_radps, lat_e7 * 1e-7, lon_e7 * 1e-7, alt_mm * 1e-3,
+            0.0, 0.0, ned.v_north_mps, ned.v_east_mps, ned.v_down_mps, lat_e7, lon_e7,
         )  # fmt: skip
 
     def _vfr_hud(self) -> Message:

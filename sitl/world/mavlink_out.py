@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mavlink
 
-from companion.frames import bearing_from_frd, pose_to_ned
-from companion.geometry import quaternion
+from companion.frames import NedPose, bearing_from_frd, pose_to_ned
+from companion.geometry import quaternion, rotation
 from companion.model import Beam, PlanarScan, RangeReading
-from sitl.world.attitude import body_velocity
 from sitl.world.odometry import Align, Estimate, OdometrySettings
 
 ORIENTATIONS = {
@@ -80,24 +79,19 @@ class Outgoing:
         """
         ned = pose_to_ned(estimate.pose)
         time_usec, resets = int(ned.t_s * 1e6), estimate.resets % 256
-        angles = (ned.roll_rad, ned.pitch_rad, ned.yaw_rad)
         place = (ned.north_m, ned.east_m, ned.down_m)
         if self._feed is Feed.ODOMETRY:
             north = self._align is Align.NORTH and not ardupilot
             frame = mavlink.MAV_FRAME_LOCAL_NED if north else mavlink.MAV_FRAME_LOCAL_FRD
             self._sender.odometry_send(
                 *(time_usec, frame, mavlink.MAV_FRAME_BODY_FRD, *place),
-                *(
-                    quaternion(ned.yaw_rad, ned.pitch_rad, ned.roll_rad),
-                    *body_velocity(ned),
-                    0.0,
-                    0.0,
-                    ned.yaw_rate_radps,
-                ),
+                quaternion(ned.yaw_rad, ned.pitch_rad, ned.roll_rad),
+                *(*_body_velocity(ned), 0.0, 0.0, ned.yaw_rate_radps),
                 *(self._pose_covariance, self._twist_covariance, resets, mavlink.MAV_ESTIMATOR_TYPE_VIO, 100),
             )
         elif self._feed is Feed.VISION:
             speed = (ned.v_north_mps, ned.v_east_mps, ned.v_down_mps)
+            angles = (ned.roll_rad, ned.pitch_rad, ned.yaw_rad)
             self._sender.vision_position_estimate_send(time_usec, *place, *angles, self._pose_covariance, resets)
             self._sender.vision_speed_estimate_send(time_usec, *speed, self._speed_covariance, resets)
 
@@ -147,6 +141,13 @@ def _bins(bearings_rad: NDArray[np.float64], ranges_m: NDArray[np.float64], limi
         cm = np.where(ranges >= limit_m, far_cm, np.clip(np.round(ranges * 100.0), 0, far_cm)).astype(np.int64)
         np.minimum.at(out, apart.argmin(axis=1), cm)
     return [int(value) for value in out]
+
+
+def _body_velocity(ned: NedPose) -> tuple[float, float, float]:
+    """The velocity along the body's forward, right and down axes, in m/s."""
+    turn = rotation(ned.yaw_rad, ned.pitch_rad, ned.roll_rad)
+    forward, right, down = turn.T @ (ned.v_north_mps, ned.v_east_mps, ned.v_down_mps)
+    return float(forward), float(right), float(down)
 
 
 def _cm(length_m: float) -> int:

@@ -9,8 +9,9 @@ from typing import Any
 
 from companion.clock import ClockAlignment
 from companion.frames import NedPose
-from sitl.world.attitude import angles_of, yaw_rate_of
-from sitl.world.smoothing import PositionFilter, Triple
+from companion.geometry import angles_of
+
+Triple = tuple[float, float, float]
 
 PX4_EARTH_M = 6_371_000.0
 ARDUPILOT_EARTH_M = 6_378_100.0
@@ -23,10 +24,16 @@ GRID_M = 1e-7 * math.pi / 180.0 * ARDUPILOT_EARTH_M
 LOCAL_PAIR_S = 0.1
 """ATTITUDE may be this much older than the LOCAL_POSITION_NED that it is paired with."""
 
-
 LARGEST_DELAY_S = 0.05
 """A truth message is never believed to be older than this. Loopback takes a millisecond; what looks like more is a
 simulator that could not keep up with real time and whose clock has fallen behind."""
+
+
+TAU_S = 0.5
+"""How long the velocity is believed before the position has its way."""
+
+GAP_S = 0.5
+"""After a silence this long the filter starts anew at the position."""
 
 
 class TruthKind(enum.StrEnum):
@@ -119,7 +126,7 @@ class TruthReader:
         # Its lat and lon are single-precision: steps of 0.4 m. Firmware older than 2021 has no other.
         fix = Fix(message.lat_int * 1e-7, message.lon_int * 1e-7, message.alt)
         velocity = (message.vn, message.ve, message.vd)
-        angles = (message.roll, message.pitch, message.yaw)
+        angles = (message.yaw, message.pitch, message.roll)
         return self._globe(received_s, angles, fix, velocity, (message.ygyro, message.zgyro), ARDUPILOT_EARTH_M)
 
     def _globe(
@@ -147,7 +154,9 @@ class TruthReader:
             origin.altitude_m - fix.altitude_m,
         )
         place = self._filter.update(t_s, measured, velocity)
-        return NedPose(t_s, *place, *angles, *velocity, yaw_rate_of(angles[0], angles[1], *rates))
+        yaw_rad, pitch_rad, roll_rad = angles
+        yaw_rate_radps = _yaw_rate(roll_rad, pitch_rad, *rates)
+        return NedPose(t_s, *place, roll_rad, pitch_rad, yaw_rad, *velocity, yaw_rate_radps)
 
     def _local(self, message: Any, received_s: float) -> NedPose | None:
         if self._attitude is None:
@@ -163,7 +172,7 @@ class TruthReader:
             *(attitude.roll + attitude.rollspeed * later_s, attitude.pitch + attitude.pitchspeed * later_s),
             attitude.yaw + attitude.yawspeed * later_s,
             *(message.vx, message.vy, message.vz),
-            yaw_rate_of(attitude.roll, attitude.pitch, attitude.pitchspeed, attitude.yawspeed),
+            _yaw_rate(attitude.roll, attitude.pitch, attitude.pitchspeed, attitude.yawspeed),
         )
 
     def _stamp(self, remote_s: float, received_s: float) -> float:
@@ -174,6 +183,12 @@ class TruthReader:
         return received_s if local_s is None else max(local_s, received_s - LARGEST_DELAY_S)
 
 
+def _yaw_rate(roll_rad: float, pitch_rad: float, pitch_speed_radps: float, yaw_speed_radps: float) -> float:
+    """How fast the heading turns, in rad/s, from the rates about the body's own axes."""
+    level = max(math.cos(pitch_rad), 0.1)  # nose straight up or down there is no heading
+    return (math.sin(roll_rad) * pitch_speed_radps + math.cos(roll_rad) * yaw_speed_radps) / level
+
+
 def _is_finite(pose: NedPose) -> bool:
     return all(
         math.isfinite(value)
@@ -182,3 +197,42 @@ def _is_finite(pose: NedPose) -> bool:
             *(pose.v_north_mps, pose.v_east_mps, pose.v_down_mps, pose.yaw_rate_radps),
         )
     )
+
+
+class PositionFilter:
+    """A complementary filter that never leaves the grid cell beside the one it was told.
+
+    x ← x + v·dt, then a share dt/TAU of the way to the measured position, then back to within one step of it. The true
+    position is within one step of the measured one (a cell is rounded or cut off), so the error is at most **two
+    steps** whatever the velocity says: 2.2 cm on the 1.1 cm grid of latitude and longitude. With a velocity that is
+    right to 1 cm/s (HIL_STATE_QUATERNION cuts off there) it stays within 1.5 steps, and it does not jump: between two
+    messages it moves by v·dt and at most a share dt/TAU of a step.
+
+    Args:
+        steps_m: the grid along each axis, in m.
+    """
+
+    def __init__(self, steps_m: Triple) -> None:
+        self._steps_m = steps_m
+        self._place: Triple | None = None
+        self._t_s = 0.0
+
+    def update(self, t_s: float, measured_m: Triple, velocity_mps: Triple) -> Triple:
+        """The smooth position at ``t_s``, in m."""
+        dt_s = t_s - self._t_s
+        self._t_s = t_s
+        if self._place is None or not 0.0 <= dt_s <= GAP_S:
+            self._place = measured_m
+            return measured_m
+        share = min(dt_s / TAU_S, 1.0)
+        x, y, z = (
+            _toward(place + speed * dt_s, measured, share, step)
+            for place, measured, speed, step in zip(self._place, measured_m, velocity_mps, self._steps_m, strict=True)
+        )
+        self._place = (x, y, z)
+        return self._place
+
+
+def _toward(predicted: float, measured: float, share: float, step: float) -> float:
+    smooth = predicted + share * (measured - predicted)
+    return min(max(smooth, measured - step), measured + step)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sitl.world.smoothing import GAP_S, TAU_S, PositionFilter
+from sitl.world.truth_messages import GAP_S, TAU_S, PositionFilter
 
 STEP_M = 0.0111
 DT_S = 0.02
