@@ -19,7 +19,7 @@ from sitl.mines import load_world
 from sitl.scene.raycast import RayCaster
 from sitl.scene.render import DepthRenderer
 from sitl.scene.sensors import SensorRig
-from sitl.sim.simulation import start_poses
+from sitl.sim.start import start_poses
 from sitl.sim.vehicle import Vehicle
 
 TICKS = 2000

@@ -60,7 +60,7 @@ from sitl.scene.sensors import SensorRig
 from sitl.scene.surface import Array, Points, Surroundings, surface_samples
 from sitl.scene.visibility import visible_samples
 from sitl.sim.flight import Flight
-from sitl.sim.simulation import start_poses
+from sitl.sim.start import start_poses
 
 WORLDS_VARIABLE = "BENCH_WORLDS"
 QUICK_WORLD, QUICK_S = "room", 60.0

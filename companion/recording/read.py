@@ -18,7 +18,7 @@ from companion.errors import InputError
 from companion.model import Observation
 from companion.recording import observation as observations
 from companion.recording.content import FORMAT, METADATA, FlightInfo, Topic
-from companion.recording.wire import fields
+from companion.recording.protobuf import fields
 
 LARGEST_RECORD = 1 << 28
 """Longer records are damage, and must not take all memory."""

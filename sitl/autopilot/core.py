@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion.model import Pose
-from sitl.autopilot.airframe import Airframe
+from sitl.autopilot.airframe import Airframe, Surroundings, flat
 from sitl.autopilot.battery import Battery
 from sitl.autopilot.commands import Commands
 from sitl.autopilot.estimator import Estimator
@@ -23,7 +23,6 @@ from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.personality import Personality
 from sitl.autopilot.state import Mode, Severity, State
 from sitl.autopilot.streams import Streams
-from sitl.autopilot.surroundings import Surroundings, flat
 from sitl.autopilot.telemetry import Telemetry
 
 STEP_S = 0.01

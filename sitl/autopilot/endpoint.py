@@ -10,10 +10,9 @@ from collections.abc import Callable, Iterable
 from contextlib import AsyncExitStack
 
 from companion.clock import Clock
+from sitl.autopilot.codec import LARGEST_DATAGRAM, Decoder, Encoder, Signing
 from sitl.autopilot.core import STEP_S, Autopilot
 from sitl.autopilot.mavlink import Message
-from sitl.autopilot.signing import Signing
-from sitl.autopilot.wire import LARGEST_DATAGRAM, Decoder, Encoder
 
 log = logging.getLogger(__name__)
 

@@ -16,8 +16,8 @@ from companion.errors import CompanionError, InputError
 from companion.mavlink.signing import load_key
 from companion.model import Pose
 from sitl.autopilot import PERSONALITIES, Autopilot, Personality, Surroundings
+from sitl.autopilot.codec import Signing
 from sitl.autopilot.endpoint import Address, Endpoint
-from sitl.autopilot.signing import Signing
 
 DEFAULT_TO = ("127.0.0.1:14540", "127.0.0.1:14550", "127.0.0.1:14560")
 """Companion computer, ground station, and the process that shows the vehicle its world."""
@@ -163,7 +163,7 @@ def _place(
         return pose, None
     # Only those who want a mine wait for what it needs.
     from companion.config.load import load_settings
-    from sitl.autopilot.surroundings import inside
+    from sitl.autopilot.airframe import inside
     from sitl.world.placement import Scene
 
     settings = load_settings(config, preset)

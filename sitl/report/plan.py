@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from sitl.report.data import Array, ReportData
+from sitl.report.data import Array, ReportData, stretches
 from sitl.report.mine import Plan, mine_plan
 from sitl.report.style import (
     CRITICAL,
@@ -27,7 +27,6 @@ from sitl.report.style import (
     picture,
     vehicle_colour,
 )
-from sitl.report.thin import stretches
 from sitl.sim.flight_log import MODES, FlightLog
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
+from companion.mapping.files.whole import whole_file
 from sitl.report.curves import distance_histogram, flight_picture, progress_picture
 from sitl.report.data import ReportData
 from sitl.report.maps import map_pictures
@@ -21,12 +21,8 @@ def write_report(path: Path, data: ReportData) -> None:
     """
     # A name from a damaged file system may hold characters that UTF-8 does not have.
     content = page_html(data, _sections(data)).encode("utf-8", errors="replace")
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        unfinished.write_bytes(content)
-        unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
+    with whole_file(path) as file:
+        file.write(content)
 
 
 def _sections(data: ReportData) -> Iterator[Section]:

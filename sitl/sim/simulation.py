@@ -13,15 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config.settings import Settings
-from companion.errors import InputError
 from companion.mapping import VoxelMap
-from companion.model import Pose
 from sitl.mines import World
 from sitl.scene.map_metrics import accuracy_m, precision
 from sitl.scene.raycast import RayCaster
 from sitl.scene.visibility import Truth, horizontal_clearance
 from sitl.sim.flight import Flight
-from sitl.sim.start import check_start
+from sitl.sim.start import start_poses
 
 COMPLETE_SHARE = 0.99
 """The map counts as complete when this share of what is visible is in it (METHOD: t_f)."""
@@ -228,45 +226,6 @@ class Simulation:
         distances = np.asarray(horizontal_clearance(self.caster, positions, half_height_m), np.float64)
         flight.log.column("true_d_m")[::every] = distances
         return distances
-
-
-def start_poses(
-    world: World, caster: RayCaster, settings: Settings, vehicles: int, rng: np.random.Generator
-) -> list[Pose]:
-    """Where the vehicles are after take-off: a world's own start, or drawn from where there is room for d_s.
-
-    Several vehicles start side by side along the drift, at least two margins apart.
-
-    Raises:
-        InputError: the start is inside a wall, or there is no room.
-    """
-    height_m, margin_m = settings.control.height_m, settings.control.margin_m
-    if world.start is not None:
-        check_start(world, caster, world.start, settings.vehicle.body_radius_m)
-        if vehicles > 1:
-            raise InputError(
-                f"world {world.name} has one start pose, which {vehicles} vehicles cannot share: fly several in a "
-                "generated world (complex, slope, room, random)"
-            )
-        return [world.start]
-    points = world.start_area_m + np.array([0.0, 0.0, height_m])
-    points = points[horizontal_clearance(caster, points, settings.vehicle.body_height_m / 2.0) >= margin_m]
-    if len(points) == 0:
-        raise InputError(
-            f"world {world.name} has no place with control.margin_m = {margin_m:g} m to every wall at "
-            f"control.height_m = {height_m:g} m: a smaller margin is needed"
-        )
-    poses: list[Pose] = []
-    first = points[rng.integers(len(points))]
-    order = np.argsort(np.linalg.norm(points - first, axis=1), kind="stable")
-    for point in points[order]:
-        apart = [math.dist(point, (pose.x_m, pose.y_m, pose.z_m)) for pose in poses]
-        if min(apart, default=math.inf) >= 2.0 * margin_m:
-            yaw_rad = float(rng.uniform(-math.pi, math.pi))
-            poses.append(Pose(0.0, float(point[0]), float(point[1]), float(point[2]), yaw_rad))
-        if len(poses) == vehicles:
-            return poses
-    raise InputError(f"world {world.name} has no room for {vehicles} vehicles to start")
 
 
 def _mean(values: NDArray[np.bool_]) -> float:

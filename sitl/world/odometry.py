@@ -5,14 +5,15 @@ from __future__ import annotations
 import enum
 import math
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from companion.config.sim import NoiseSettings
 from companion.errors import InputError
-from companion.model import Pose, wrap_rad
+from companion.model import Pose
 from sitl.scene.sensors import PoseEstimate
+from sitl.world.placement import moved
 
 LARGEST_DELAY_S = 2.0
 MOST_LATE = 512
@@ -150,7 +151,7 @@ class Odometry:
             return False
         turn_rad = NORTH_RAD - self._start.yaw_rad if settings.align is Align.START else -heading_offset_rad
         self._under_way.append(
-            (t_s + settings.delay_s, Estimate(_seen_from(self._start, estimated, turn_rad), self.resets))
+            (t_s + settings.delay_s, Estimate(moved(estimated, self._start, (0.0, 0.0, 0.0), turn_rad), self.resets))
         )
         return True
 
@@ -172,18 +173,3 @@ class Odometry:
             return False
         begin_s, length_s = self._settings.outage_s
         return begin_s <= since_begin_s < begin_s + length_s
-
-
-def _seen_from(start: Pose, pose: Pose, turn_rad: float) -> Pose:
-    """``pose`` in a frame that is shifted to ``start`` and turned by ``turn_rad``."""
-    c, s = math.cos(turn_rad), math.sin(turn_rad)
-    x_m, y_m = pose.x_m - start.x_m, pose.y_m - start.y_m
-    return replace(
-        pose,
-        x_m=c * x_m - s * y_m,
-        y_m=s * x_m + c * y_m,
-        z_m=pose.z_m - start.z_m,
-        yaw_rad=wrap_rad(pose.yaw_rad + turn_rad),
-        vx_mps=c * pose.vx_mps - s * pose.vy_mps,
-        vy_mps=s * pose.vx_mps + c * pose.vy_mps,
-    )

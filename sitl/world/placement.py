@@ -15,7 +15,7 @@ from companion.model import Pose, wrap_rad
 from sitl.mines import World, load_world
 from sitl.mines.mesh import Start
 from sitl.scene.raycast import RayCaster
-from sitl.sim.simulation import start_poses
+from sitl.sim.start import start_poses
 
 log = logging.getLogger(__name__)
 
@@ -87,22 +87,26 @@ class Placer:
         if self._first is None:
             self._first = here
         first, stand = self._first, self._stand
-        turn_rad = stand.yaw_rad - first.yaw_rad
-        c, s = math.cos(turn_rad), math.sin(turn_rad)
-        east_m, north_m = here.x_m - first.x_m, here.y_m - first.y_m
-        return replace(
-            here,
-            x_m=stand.x_m + c * east_m - s * north_m,
-            y_m=stand.y_m + s * east_m + c * north_m,
-            z_m=stand.z_m + here.z_m - first.z_m,
-            yaw_rad=wrap_rad(here.yaw_rad + turn_rad),
-            vx_mps=c * here.vx_mps - s * here.vy_mps,
-            vy_mps=s * here.vx_mps + c * here.vy_mps,
-        )
+        return moved(here, first, (stand.x_m, stand.y_m, stand.z_m), stand.yaw_rad - first.yaw_rad)
 
     def heading_offset_rad(self) -> float:
         """By how much the mine is turned against the compass: yaw in the mine minus true yaw. 0 before the first."""
         return 0.0 if self._first is None else wrap_rad(self._stand.yaw_rad - self._first.yaw_rad)
+
+
+def moved(pose: Pose, origin: Pose, to_m: tuple[float, float, float], turn_rad: float) -> Pose:
+    """``pose`` after all space was turned about the vertical through ``origin`` and shifted to put that at ``to_m``."""
+    c, s = math.cos(turn_rad), math.sin(turn_rad)
+    x_m, y_m = pose.x_m - origin.x_m, pose.y_m - origin.y_m
+    return replace(
+        pose,
+        x_m=to_m[0] + c * x_m - s * y_m,
+        y_m=to_m[1] + s * x_m + c * y_m,
+        z_m=to_m[2] + pose.z_m - origin.z_m,
+        yaw_rad=wrap_rad(pose.yaw_rad + turn_rad),
+        vx_mps=c * pose.vx_mps - s * pose.vy_mps,
+        vy_mps=s * pose.vx_mps + c * pose.vy_mps,
+    )
 
 
 def _jumped(before: Pose, after: Pose) -> bool:

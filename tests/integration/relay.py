@@ -11,9 +11,9 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
+from sitl.autopilot.codec import Decoder
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
-from sitl.autopilot.wire import Decoder
 from tests.integration.own_thread import OwnThread
 from tests.integration.seen import Seen
 

@@ -17,9 +17,9 @@ from companion.mavlink.firmware import KINDS, AutopilotKind
 from companion.mavlink.ids import MavModeFlag
 from companion.mavlink.modes import mode_name
 from companion.model import Pose
+from sitl.autopilot.codec import Decoder
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
-from sitl.autopilot.wire import Decoder
 from tests.integration.own_thread import OwnThread
 
 LOOPBACK = "127.0.0.1"

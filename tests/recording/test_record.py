@@ -33,8 +33,8 @@ from companion.recording.content import Topic
 from companion.recording.file import RecordingFile
 from companion.recording.observation import decode, encode
 from companion.recording.process import LoadMeter
+from companion.recording.protobuf import fields
 from companion.recording.read import depth_image, log_line
-from companion.recording.wire import fields
 from companion.recording.writing import Writing
 from tests.recording.flights import SETTINGS, HandClock, make_frame, make_info, make_tick
 

@@ -8,9 +8,9 @@ from typing import Any
 
 from companion.model import Pose
 from sitl.autopilot import Autopilot, Personality
+from sitl.autopilot.codec import Decoder, Encoder
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
-from sitl.autopilot.wire import Decoder, Encoder
 
 STEP_S = 0.01
 IDENTITY = [1.0, 0.0, 0.0, 0.0]

@@ -4,53 +4,42 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from itertools import pairwise
+from typing import Any
 
 import pytest
 
 from companion.clock import MonotonicClock
 from companion.model import Pose
 from sitl.autopilot import PX4, Autopilot
+from sitl.autopilot.codec import Decoder
 from sitl.autopilot.endpoint import Endpoint
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
-from sitl.autopilot.wire import Decoder
 from tests.sitl.autopilot.rig import command_long
 
 LOOPBACK = "127.0.0.1"
-Body = Callable[[Endpoint, socket.socket], Awaitable[None]]
 
 
-def served(body: Body, **options: object) -> Endpoint:
-    """Runs ``body`` beside an endpoint that sends to a socket of ours."""
-    listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    listener.bind((LOOPBACK, 0))
-    listener.setblocking(False)
-    vehicle = Autopilot(PX4, Pose(0.0, 0.0, 0.0, 0.0, 0.0), boot_s=0.2)
-    endpoint = Endpoint(
-        vehicle,
-        MonotonicClock(),
-        [listener.getsockname()],
-        bind=(LOOPBACK, 0),
-        **options,  # type: ignore[arg-type]
-    )
-
-    async def run() -> None:
+@asynccontextmanager
+async def serving(**options: Any) -> AsyncIterator[tuple[Endpoint, socket.socket]]:
+    """An endpoint that serves during the block, and a socket of ours to which it sends."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind((LOOPBACK, 0))
+        listener.setblocking(False)
+        vehicle = Autopilot(PX4, Pose(0.0, 0.0, 0.0, 0.0, 0.0), boot_s=0.2)
+        endpoint = Endpoint(vehicle, MonotonicClock(), [listener.getsockname()], bind=(LOOPBACK, 0), **options)
         ready = asyncio.Event()
-        task = asyncio.ensure_future(endpoint.run(ready.set))
+        task = asyncio.create_task(endpoint.run(ready.set))
         try:
-            await asyncio.wait_for(ready.wait(), 5.0)
-            await asyncio.wait_for(body(endpoint, listener), 20.0)
+            async with asyncio.timeout(25.0):
+                await ready.wait()
+                yield endpoint, listener
         finally:
             task.cancel()
             await asyncio.gather(task, return_exceptions=True)
-
-    try:
-        asyncio.run(run())
-    finally:
-        listener.close()
-    return endpoint
 
 
 async def heard(listener: socket.socket, wanted: str) -> Message:
@@ -66,10 +55,9 @@ def packet(message: Message) -> bytes:
     return data
 
 
-def test_udp_sends_telemetry_and_answers_whoever_talks() -> None:
+async def test_udp_sends_telemetry_and_answers_whoever_talks() -> None:
     """The answer goes to who asked, and telemetry from then on too."""
-
-    async def body(endpoint: Endpoint, listener: socket.socket) -> None:
+    async with serving() as (endpoint, listener):
         assert (await heard(listener, "HEARTBEAT")).get_srcSystem() == 1
         stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         stranger.setblocking(False)
@@ -79,13 +67,13 @@ def test_udp_sends_telemetry_and_answers_whoever_talks() -> None:
             assert (await heard(stranger, "COMMAND_ACK")).result == m.MAV_RESULT_UNSUPPORTED
             await heard(stranger, "ATTITUDE")
 
-    served(body)
 
-
-def test_tcp_serves_the_same_and_survives_garbage() -> None:
+async def test_tcp_serves_the_same_and_survives_garbage() -> None:
     """A stream that begins with garbage still finds its messages."""
-
-    async def body(endpoint: Endpoint, _listener: socket.socket) -> None:
+    with socket.socket() as free:
+        free.bind((LOOPBACK, 0))
+        port = free.getsockname()[1]
+    async with serving(tcp_port=port) as (endpoint, _):
         reader, writer = await asyncio.open_connection(LOOPBACK, endpoint.tcp_port)
         writer.write(b"\xfd\x05garbage\x00\xff" * 50)
         for _ in range(10):
@@ -95,17 +83,12 @@ def test_tcp_serves_the_same_and_survives_garbage() -> None:
             found |= {message.get_type() for message in decoder.messages(await reader.read(4096))}
         writer.close()
         await writer.wait_closed()
-
-    with socket.socket() as free:
-        free.bind((LOOPBACK, 0))
-        port = free.getsockname()[1]
-    assert served(body, tcp_port=port).bad > 0
+    assert endpoint.bad > 0
 
 
-def test_garbage_and_oversized_datagrams_are_counted_and_make_no_peer() -> None:
+async def test_garbage_and_oversized_datagrams_are_counted_and_make_no_peer() -> None:
     """Whoever sends no message gets no telemetry."""
-
-    async def body(endpoint: Endpoint, listener: socket.socket) -> None:
+    async with serving() as (endpoint, listener):
         stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         stranger.setblocking(False)
         with stranger:
@@ -116,15 +99,13 @@ def test_garbage_and_oversized_datagrams_are_counted_and_make_no_peer() -> None:
             await heard(listener, "HEARTBEAT")
             with pytest.raises(BlockingIOError):
                 stranger.recv(4096)
-
     # The truncated one, the oversized one, and that of start bytes alone; an empty one holds nothing bad.
-    assert served(body).bad >= 3
+    assert endpoint.bad >= 3
 
 
-def test_a_test_can_be_the_pilot() -> None:
+async def test_a_test_can_be_the_pilot() -> None:
     """The control port stands for the transmitter; what it does not know changes nothing."""
-
-    async def body(endpoint: Endpoint, _listener: socket.socket) -> None:
+    async with serving(control_port=0) as (endpoint, _):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as hand:
             for text in (b"nonsense", b"battery nan", b"battery 30", b"gps off", b"takeover"):
                 hand.sendto(text, (LOOPBACK, endpoint.control_port or 0))
@@ -132,18 +113,15 @@ def test_a_test_can_be_the_pilot() -> None:
                 await asyncio.sleep(0.01)
                 if endpoint.autopilot.mode.name == "POSCTL":
                     return
-
-    endpoint = served(body, control_port=0)
     assert endpoint.autopilot.mode.name == "POSCTL"
     assert endpoint.bad == 2
     assert endpoint.autopilot.state.battery.percent == pytest.approx(30.0, abs=0.1)
     assert not endpoint.autopilot.state.gps_present
 
 
-def test_a_lossy_link_loses_about_its_share() -> None:
+async def test_a_lossy_link_loses_about_its_share() -> None:
     """Both ways; here what leaves."""
-
-    async def body(endpoint: Endpoint, listener: socket.socket) -> None:
+    async with serving(drop_share=0.3) as (endpoint, listener):
         sequence: list[int] = []
         loop = asyncio.get_running_loop()
         while len(sequence) < 200:
@@ -153,5 +131,3 @@ def test_a_lossy_link_loses_about_its_share() -> None:
         # 200 of about 286 arrive: five sigmas of the binomial are 30.
         assert 50 < lost < 130
         assert endpoint.udp_port
-
-    served(body, drop_share=0.3)

@@ -10,9 +10,9 @@ import pytest
 
 from companion.model import Pose
 from sitl.autopilot import ARDUPILOT, PX4, Personality
+from sitl.autopilot.codec import Decoder, Encoder
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
-from sitl.autopilot.wire import Decoder, Encoder
 from tests.sitl.autopilot.rig import Rig, command_long, odometry, setpoint
 
 BOTH = pytest.mark.parametrize("personality", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])

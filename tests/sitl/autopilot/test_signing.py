@@ -16,10 +16,9 @@ from typer.testing import CliRunner
 from companion.errors import InputError
 from companion.mavlink.codec import Encoder, Framer, decode
 from companion.mavlink.signing import Signer
-from sitl.autopilot.endpoint import Endpoint
-from sitl.autopilot.signing import Signing
+from sitl.autopilot.codec import Signing
 from sitl.cli.autopilot import autopilot
-from tests.sitl.autopilot.test_endpoint import LOOPBACK, served
+from tests.sitl.autopilot.test_endpoint import LOOPBACK, serving
 from tests.sitl.cli.test_autopilot import START
 
 KEY, OTHER = bytes(range(1, 33)), bytes(range(2, 34))
@@ -46,11 +45,10 @@ async def answers(listener: socket.socket, ours: Signer, within_s: float) -> int
     return found
 
 
-def test_all_that_is_said_is_signed_and_only_what_is_signed_is_heard() -> None:
+async def test_all_that_is_said_is_signed_and_only_what_is_signed_is_heard() -> None:
     """Unsigned, signed by another, and played again: counted, not answered; and none of it deafens it to us."""
     ours, stranger = Signer(KEY, 1, time.time), Signer(OTHER, 1, lambda: time.time() + 30.0)
-
-    async def body(endpoint: Endpoint, listener: socket.socket) -> None:
+    async with serving(signing=Signing(KEY)) as (endpoint, listener):
         to = (LOOPBACK, endpoint.udp_port or 0)
         good = ours.sign(asked())
         for raw in (asked(), stranger.sign(asked()), good, good):
@@ -59,18 +57,16 @@ def test_all_that_is_said_is_signed_and_only_what_is_signed_is_heard() -> None:
         assert endpoint.bad == 3
         listener.sendto(ours.sign(asked()), to)
         assert await answers(listener, ours, 0.5) == 1
+    assert endpoint.bad == 3
 
-    assert served(body, signing=Signing(KEY)).bad == 3
 
-
-def test_tcp_is_signed_too() -> None:
+async def test_tcp_is_signed_too() -> None:
     """One key for all ways in."""
     ours = Signer(KEY, 1, time.time)
     with socket.socket() as free:
         free.bind((LOOPBACK, 0))
         port = free.getsockname()[1]
-
-    async def body(endpoint: Endpoint, _listener: socket.socket) -> None:
+    async with serving(signing=Signing(KEY), tcp_port=port) as (endpoint, _):
         reader, writer = await asyncio.open_connection(LOOPBACK, endpoint.tcp_port)
         writer.write(asked() + ours.sign(asked()))
         framer, found = Framer(), 0
@@ -80,8 +76,7 @@ def test_tcp_is_signed_too() -> None:
                 found += (decode(frame) or {}).get("command") == ASK
         writer.close()
         await writer.wait_closed()
-
-    assert served(body, signing=Signing(KEY), tcp_port=port).bad == 1
+    assert endpoint.bad == 1
 
 
 @pytest.mark.parametrize(("key", "told"), [(None, "No such file"), (b"short", "holds no key")])

@@ -8,8 +8,8 @@ import pytest
 
 from companion.model import Pose
 from sitl.autopilot import ARDUPILOT, PX4, Personality
+from sitl.autopilot.airframe import Surroundings, inside
 from sitl.autopilot.mavlink import dialect as m
-from sitl.autopilot.surroundings import Surroundings, inside
 from sitl.mines import load_world
 from sitl.scene.raycast import RayCaster
 from tests.sitl.autopilot.rig import Rig, flying, travelled

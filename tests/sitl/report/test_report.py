@@ -17,13 +17,12 @@ from numpy.typing import NDArray
 from companion.model import Measurement, Mode, Pose, Setpoint
 from sitl.report import ReportData, overview_png, write_report
 from sitl.report.cards import State, key_figures, verdict
-from sitl.report.cutaway import below_cut
-from sitl.report.maps import map_pictures
+from sitl.report.data import stretches, thinned
+from sitl.report.maps import below_cut, map_pictures
 from sitl.report.mine import mine_plan, section
 from sitl.report.splat import Camera, render
 from sitl.report.style import DPI, round_length_m
 from sitl.report.text import rows, seconds, shown
-from sitl.report.thin import stretches, thinned
 from sitl.sim.flight_log import FlightLog
 
 PNG = b"\x89PNG\r\n\x1a\n"

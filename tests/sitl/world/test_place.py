@@ -14,7 +14,7 @@ from companion.config.settings import Settings
 from companion.frames import NedPose
 from companion.model import Pose
 from sitl.mines import load_world
-from sitl.sim.simulation import start_poses
+from sitl.sim.start import start_poses
 from sitl.world.placement import Placer, Scene
 
 STAND = Pose(0.0, 10.0, -4.0, 1.15, 0.7)

@@ -14,9 +14,9 @@ from companion.mavlink.firmware import AutopilotKind
 from companion.model import Beam, Camera, RangeReading
 from companion.sensors.drivers.messages import DepthImage, Ranges
 from companion.sensors.sink import RawDepth, SensorSink
+from sitl.autopilot.codec import Decoder
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
-from sitl.autopilot.wire import Decoder
 from tests.integration.relay import pack
 from tests.sensors.clocks import HandClock
 from validation.fault_matrix.faults import FAULTS

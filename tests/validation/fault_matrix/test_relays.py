@@ -7,9 +7,9 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 
+from sitl.autopilot.codec import Decoder
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
-from sitl.autopilot.wire import Decoder
 from tests.integration.relay import LOOPBACK, UdpRelay, pack, repacked
 
 TIMEOUT_S = 10.0
