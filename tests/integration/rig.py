@@ -156,13 +156,9 @@ def both(
         yield [stack.enter_context(stage(folder, name, lost_share, boot_s, parameters)) for name in PERSONALITIES]
 
 
-def fly_all(stages: Sequence[Stage], flight: Callable[[Stage], Coroutine[Any, Any, None]]) -> None:
+async def fly_all(stages: Sequence[Stage], flight: Callable[[Stage], Coroutine[Any, Any, None]]) -> None:
     """The same flight with each of them at the same time; the first that fails fails the test."""
-
-    async def fly() -> None:
-        await asyncio.gather(*(flight(one) for one in stages))
-
-    asyncio.run(fly())
+    await asyncio.gather(*(flight(one) for one in stages))
 
 
 def take_over(control_port: int) -> None:

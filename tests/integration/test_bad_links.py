@@ -16,10 +16,10 @@ DEAD_S = 10.0
 
 @pytest.mark.flight
 @pytest.mark.timeout(120)
-def test_five_percent_of_lost_packets_do_not_end_a_flight(tmp_path: Path) -> None:
+async def test_five_percent_of_lost_packets_do_not_end_a_flight(tmp_path: Path) -> None:
     """Protects a flight over a radio: questions are asked again, and lost setpoints are few."""
     with both(tmp_path, LOST_SHARE) as stages:
-        fly_all(stages, _fly_lossy)
+        await fly_all(stages, _fly_lossy)
 
 
 async def _fly_lossy(ours: Stage) -> None:
@@ -40,14 +40,14 @@ async def _fly_lossy(ours: Stage) -> None:
 
 @pytest.mark.flight
 @pytest.mark.timeout(120)
-def test_a_link_that_dies_stops_the_vehicle_and_gives_back_only_what_is_still_ours(tmp_path: Path) -> None:
+async def test_a_link_that_dies_stops_the_vehicle_and_gives_back_only_what_is_still_ours(tmp_path: Path) -> None:
     """Protects the ten seconds in which neither side hears the other, and the moment after.
 
     The autopilot stops by itself. When the link is back PX4 says that its failsafe has the vehicle, and it stays there;
     ArduPilot is still in guided, so the flight may go on.
     """
     with both(tmp_path) as stages:
-        fly_all(stages, _fly_through_an_outage)
+        await fly_all(stages, _fly_through_an_outage)
 
 
 async def _fly_through_an_outage(ours: Stage) -> None:

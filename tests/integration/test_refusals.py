@@ -22,10 +22,10 @@ FAILSAFES = {"px4": {"COM_OF_LOSS_T", "COM_OBL_RC_ACT"}, "ardupilot": {"GUID_TIM
 
 @pytest.mark.flight
 @pytest.mark.timeout(100)
-def test_what_the_autopilot_refuses_is_told_in_its_own_words_and_nothing_is_armed(tmp_path: Path) -> None:
+async def test_what_the_autopilot_refuses_is_told_in_its_own_words_and_nothing_is_armed(tmp_path: Path) -> None:
     """Protects the person on the ground, who must see why, and the flight that must not begin half configured."""
     with both(tmp_path, boot_s=NEVER_S, parameters=()) as stages:
-        fly_all(stages, _refused)
+        await fly_all(stages, _refused)
 
 
 async def _refused(ours: Stage) -> None:

@@ -17,14 +17,14 @@ SPEED_MPS = 0.5
 
 @pytest.mark.slow
 @pytest.mark.timeout(120)
-def test_silence_stops_the_vehicle_and_only_what_was_not_taken_away_goes_on(tmp_path: Path) -> None:
+async def test_silence_stops_the_vehicle_and_only_what_was_not_taken_away_goes_on(tmp_path: Path) -> None:
     """Protects the last layer of safety: an application that fails falls silent, and the autopilot must then stop.
 
     And what comes after: PX4 has taken the vehicle with its failsafe, so that it is no longer ours, even when
     somebody's setpoints bring it back to offboard. ArduPilot only waits in guided for the next setpoint.
     """
     with both(tmp_path) as stages:
-        fly_all(stages, _fly)
+        await fly_all(stages, _fly)
 
 
 async def _fly(ours: Stage) -> None:

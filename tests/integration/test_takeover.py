@@ -25,7 +25,7 @@ OURS, OTHER = 1, 2
     "personality",
     ["px4", "ardupilot"],
 )
-def test_the_pilot_of_our_vehicle_is_obeyed_at_once_and_the_one_of_another_is_not(
+async def test_the_pilot_of_our_vehicle_is_obeyed_at_once_and_the_one_of_another_is_not(
     personality: str, tmp_path: Path
 ) -> None:
     """Protects the pilot's last word, and a second vehicle whose autopilot speaks on the same port.
@@ -41,7 +41,7 @@ def test_the_pilot_of_our_vehicle_is_obeyed_at_once_and_the_one_of_another_is_no
         Stub(tmp_path, personality, (relay.port, witness.port), OURS).running() as stub,
         Stub(tmp_path, stranger, (port, others_witness.port), OTHER).running() as other,
     ):
-        asyncio.run(_fly(personality, port, (relay, witness, stub), (others_witness, other)))
+        await _fly(personality, port, (relay, witness, stub), (others_witness, other))
 
 
 async def _fly(personality: str, port: int, ours: tuple[UdpRelay, Witness, Stub], others: tuple[Witness, Stub]) -> None:

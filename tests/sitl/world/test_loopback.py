@@ -142,7 +142,7 @@ class Stage:
             await asyncio.sleep(0.13)
 
 
-def test_what_the_vehicle_sees_is_what_stands_before_it(scene: Scene, tmp_path: Path) -> None:
+async def test_what_the_vehicle_sees_is_what_stands_before_it(scene: Scene, tmp_path: Path) -> None:
     """It hovers 1.35 m up, 1 m ahead of its start: the wall is 2 m away, whatever its compass said at boot.
 
     And a SIGTERM ends it in good order, with the score of what happened.
@@ -178,7 +178,7 @@ def test_what_the_vehicle_sees_is_what_stands_before_it(scene: Scene, tmp_path: 
         assert (odometry.x, odometry.y, odometry.z) == pytest.approx((1.0, 0.0, -1.35), abs=0.05)
         signal.raise_signal(signal.SIGTERM)
 
-    asyncio.run(stage.play(act))
+    await stage.play(act)
     assert len(stage.said) == 1, "one line at the start"
     score = json.loads((tmp_path / "score.json").read_text())
     assert score["ended_because"] == TERMINATED
@@ -189,7 +189,7 @@ def test_what_the_vehicle_sees_is_what_stands_before_it(scene: Scene, tmp_path: 
     assert len((tmp_path / "trajectory.csv").read_text().splitlines()) > 10
 
 
-def test_a_contact_ends_it_where_that_was_asked_for(scene: Scene, tmp_path: Path) -> None:
+async def test_a_contact_ends_it_where_that_was_asked_for(scene: Scene, tmp_path: Path) -> None:
     """A test of a flight must not go on for minutes after the vehicle has hit the wall."""
     stage = Stage(scene, stop_on_contact=True, score=tmp_path / "score.json")
 
@@ -199,12 +199,12 @@ def test_a_contact_ends_it_where_that_was_asked_for(scene: Scene, tmp_path: Path
         await asyncio.sleep(0.5)
         stage.autopilot.ahead_m = 2.8
 
-    asyncio.run(stage.play(act))
+    await stage.play(act)
     score = json.loads((tmp_path / "score.json").read_text())
     assert (score["ended_because"], score["contacts"]) == (CONTACT, 1)
 
 
-def test_another_vehicle_on_the_port_moves_nothing(scene: Scene, tmp_path: Path) -> None:
+async def test_another_vehicle_on_the_port_moves_nothing(scene: Scene, tmp_path: Path) -> None:
     """Two vehicles and a wrong port number: theirs is counted, ours is shown."""
     stage = Stage(scene, score=tmp_path / "score.json")
     other = FakeAutopilot(system_id=2)
@@ -217,13 +217,13 @@ def test_another_vehicle_on_the_port_moves_nothing(scene: Scene, tmp_path: Path)
         task.cancel()
         stage.world.stop("done")
 
-    asyncio.run(stage.play(act))
+    await stage.play(act)
     score = json.loads((tmp_path / "score.json").read_text())
     assert (score["ended_because"], score["contacts"], score["path_length_m"]) == ("done", 0, 0.0)
     assert other.told == []
 
 
-def test_a_silent_simulator_is_a_silent_world(scene: Scene) -> None:
+async def test_a_silent_simulator_is_a_silent_world(scene: Scene) -> None:
     """No truth, no readings: repeating the last picture would tell a navigator that all is well."""
     stage = Stage(scene)
 
@@ -236,7 +236,7 @@ def test_a_silent_simulator_is_a_silent_world(scene: Scene) -> None:
         assert stage.sink.take() == Taken(None, (), None)
         stage.world.stop("done")
 
-    asyncio.run(stage.play(act))
+    await stage.play(act)
 
 
 def test_ports_that_are_taken_are_the_users_mistake(capsys: pytest.CaptureFixture[str]) -> None:
@@ -256,7 +256,7 @@ def test_ports_that_are_taken_are_the_users_mistake(capsys: pytest.CaptureFixtur
             assert said in capsys.readouterr().err
 
 
-def test_the_camera_of_the_stream_is_that_of_the_settings(scene: Scene) -> None:
+async def test_the_camera_of_the_stream_is_that_of_the_settings(scene: Scene) -> None:
     """What is rendered and what the client is told must be one camera."""
     stage = Stage(scene)
 
@@ -267,4 +267,4 @@ def test_the_camera_of_the_stream_is_that_of_the_settings(scene: Scene) -> None:
         assert taken.depth.depth_m.dtype == np.float32
         stage.world.stop("done")
 
-    asyncio.run(stage.play(act))
+    await stage.play(act)

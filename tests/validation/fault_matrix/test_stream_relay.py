@@ -6,7 +6,8 @@ import asyncio
 import math
 import socket
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -58,33 +59,30 @@ async def until(ready: Callable[[], bool], period_s: float = 0.005) -> None:
         await asyncio.sleep(period_s)
 
 
-def with_sensors(test: Callable[[Sensors], Awaitable[None]]) -> None:
-    async def run() -> None:
-        clock = MonotonicClock()
-        async with StreamServer(f"tcp://{LOOPBACK}:0", CAMERA, clock) as server:
-            with StreamRelay(int(server.url.rpartition(":")[2])) as relay:
-                sink = SensorSink(clock)
-                driver = StreamDriver(relay.url, clock)
-                task = asyncio.create_task(driver.run(sink))
-                try:
-                    await until(lambda: driver.residual_s is not None)
-                    await test(Sensors(relay, server, driver, sink))
-                finally:
-                    task.cancel()
-                    await asyncio.wait([task])
-                    assert not relay.errors
-
-    asyncio.run(run())
+@asynccontextmanager
+async def connected_sensors() -> AsyncIterator[Sensors]:
+    clock = MonotonicClock()
+    async with StreamServer(f"tcp://{LOOPBACK}:0", CAMERA, clock) as server:
+        with StreamRelay(int(server.url.rpartition(":")[2])) as relay:
+            sink = SensorSink(clock)
+            driver = StreamDriver(relay.url, clock)
+            task = asyncio.create_task(driver.run(sink))
+            try:
+                await until(lambda: driver.residual_s is not None)
+                yield Sensors(relay, server, driver, sink)
+            finally:
+                task.cancel()
+                await asyncio.wait([task])
+                assert not relay.errors
 
 
 def complete(taken: Taken) -> bool:
     return taken.depth is not None and len(taken.ranges) == 2
 
 
-def test_an_honest_stream_arrives_whole_and_with_its_stamps() -> None:
+async def test_an_honest_stream_arrives_whole_and_with_its_stamps() -> None:
     """Protects every flight of the matrix: pings and images pass, so stamps are right to a few milliseconds."""
-
-    async def test(sensors: Sensors) -> None:
+    async with connected_sensors() as sensors:
         t_s = sensors.publish(3.0, 2.0)
         taken = await sensors.taken(complete)
         assert taken.depth is not None
@@ -94,10 +92,8 @@ def test_an_honest_stream_arrives_whole_and_with_its_stamps() -> None:
         assert abs(taken.depth.t_s - t_s) < 0.05, "half a round trip"
         assert sensors.relay.changed == [0, 0]
 
-    with_sensors(test)
 
-
-def test_depth_and_ranges_are_changed_and_silenced_each_on_their_own() -> None:
+async def test_depth_and_ranges_are_changed_and_silenced_each_on_their_own() -> None:
     """Protects the rows of the matrix that fail one sensor: the other must go on."""
 
     def further(image: DepthImage, camera: Camera) -> DepthImage:
@@ -106,7 +102,7 @@ def test_depth_and_ranges_are_changed_and_silenced_each_on_their_own() -> None:
     def none(_readings: Ranges) -> None:
         return None
 
-    async def test(sensors: Sensors) -> None:
+    async with connected_sensors() as sensors:
         sensors.relay.depth = Tampering(depth=further)
         sensors.publish(3.0, 2.0)
         taken = await sensors.taken(complete)
@@ -119,13 +115,10 @@ def test_depth_and_ranges_are_changed_and_silenced_each_on_their_own() -> None:
         await asyncio.sleep(0.05)
         assert sensors.sink.take().ranges == taken.ranges == ()
 
-    with_sensors(test)
 
-
-def test_what_is_delayed_arrives_later_with_the_stamp_that_it_had() -> None:
+async def test_what_is_delayed_arrives_later_with_the_stamp_that_it_had() -> None:
     """Protects the row of the matrix in which the sensors lag: the age has to show, so the clock must not lag along."""
-
-    async def test(sensors: Sensors) -> None:
+    async with connected_sensors() as sensors:
         sensors.relay.depth = Tampering(delay_s=0.4)
         t_s = sensors.publish(3.0, 2.0)
         at_once = await sensors.taken(lambda found: len(found.ranges) == 2)
@@ -135,10 +128,8 @@ def test_what_is_delayed_arrives_later_with_the_stamp_that_it_had() -> None:
         assert abs(later.depth.t_s - t_s) < 0.05
         assert sensors.clock.now_s() - later.depth.t_s >= 0.39
 
-    with_sensors(test)
 
-
-def test_no_number_passes_for_ranges_as_nothing_measured_and_a_stamp_of_the_past_is_refused() -> None:
+async def test_no_number_passes_for_ranges_as_nothing_measured_and_a_stamp_of_the_past_is_refused() -> None:
     """Protects the meaning of two rows: what the driver makes of NaN, and of stamps that go back."""
 
     def no_numbers(readings: Ranges) -> Ranges:
@@ -147,7 +138,7 @@ def test_no_number_passes_for_ranges_as_nothing_measured_and_a_stamp_of_the_past
     def before(readings: Ranges) -> Ranges:
         return Ranges(tuple(replace(reading, t_s=reading.t_s - 5.0) for reading in readings.readings))
 
-    async def test(sensors: Sensors) -> None:
+    async with connected_sensors() as sensors:
         sensors.relay.ranges = Tampering(ranges=no_numbers)
         sensors.publish(3.0, 2.0)
         taken = await sensors.taken(complete)
@@ -157,13 +148,10 @@ def test_no_number_passes_for_ranges_as_nothing_measured_and_a_stamp_of_the_past
         await sensors.taken(lambda found: found.depth is not None and sensors.refused(Beam.FRONT) == 1)
         assert sensors.refused(DEPTH) == 0
 
-    with_sensors(test)
 
-
-def test_an_end_that_goes_away_takes_the_other_along_and_the_driver_comes_back() -> None:
+async def test_an_end_that_goes_away_takes_the_other_along_and_the_driver_comes_back() -> None:
     """Protects the rows in which the application dies and is started again: it finds its sensors."""
-
-    async def test(sensors: Sensors) -> None:
+    async with connected_sensors() as sensors:
         assert sensors.server.client_count == 1
         with socket.create_connection((LOOPBACK, sensors.relay.port)) as second:
             await until(lambda: sensors.server.client_count == 2)
@@ -172,13 +160,10 @@ def test_an_end_that_goes_away_takes_the_other_along_and_the_driver_comes_back()
         sensors.publish(3.0, 2.0)
         await sensors.taken(complete)
 
-    with_sensors(test)
 
-
-def test_a_stream_that_was_cut_stays_cut() -> None:
+async def test_a_stream_that_was_cut_stays_cut() -> None:
     """Protects the row in which the sensors' process is gone: the driver tries again and must find nobody."""
-
-    async def test(sensors: Sensors) -> None:
+    async with connected_sensors() as sensors:
         sensors.relay.cut()
         await until(lambda: sensors.driver.problem is not None)
         await until(lambda: sensors.server.client_count == 0)
@@ -187,42 +172,34 @@ def test_a_stream_that_was_cut_stays_cut() -> None:
         assert sensors.server.client_count == 0
         assert sensors.driver.residual_s is None
 
-    with_sensors(test)
 
-
-def test_a_reader_that_stands_still_is_not_fed_from_a_growing_store() -> None:
+async def test_a_reader_that_stands_still_is_not_fed_from_a_growing_store() -> None:
     """Protects the rows that stop the application: the relay keeps nothing for it, the world's own server skips."""
+    async with StreamServer(f"tcp://{LOOPBACK}:0", None, MonotonicClock()) as server:
+        with (
+            StreamRelay(int(server.url.rpartition(":")[2])) as relay,
+            socket.create_connection((LOOPBACK, relay.port)),
+        ):
+            await until(lambda: server.client_count == 1)
+            readings = [RangeReading(Beam.FRONT, 1.0, 2.0, 6.0)] * 64
 
-    async def run() -> None:
-        async with StreamServer(f"tcp://{LOOPBACK}:0", None, MonotonicClock()) as server:
-            with (
-                StreamRelay(int(server.url.rpartition(":")[2])) as relay,
-                socket.create_connection((LOOPBACK, relay.port)),
-            ):
-                await until(lambda: server.client_count == 1)
-                readings = [RangeReading(Beam.FRONT, 1.0, 2.0, 6.0)] * 64
+            def skips() -> bool:
+                server.publish_ranges(readings)
+                return server.skipped > 0
 
-                def skips() -> bool:
-                    server.publish_ranges(readings)
-                    return server.skipped > 0
-
-                await until(skips, 0.0)
-
-    asyncio.run(run())
+            await until(skips, 0.0)
 
 
 @pytest.mark.parametrize("kind", ["depth", "ranges"])
-def test_a_change_that_fails_is_told(kind: str) -> None:
+async def test_a_change_that_fails_is_told(kind: str) -> None:
     """Protects against a fault that was never injected because the test itself had one."""
 
     def fails(*_: object) -> None:
         raise ZeroDivisionError
 
-    async def test(sensors: Sensors) -> None:
+    async with connected_sensors() as sensors:
         setattr(sensors.relay, kind, Tampering(depth=fails) if kind == "depth" else Tampering(ranges=fails))
         sensors.publish(3.0, 2.0)
         await sensors.taken(complete)
         assert [type(error) for error in sensors.relay.errors] == [ZeroDivisionError]
         sensors.relay.errors.clear()
-
-    with_sensors(test)

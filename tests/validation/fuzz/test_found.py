@@ -147,12 +147,11 @@ def test_a_camera_that_cannot_be_is_refused(change: Callable[[Camera], Camera]) 
     assert sink.take().depth is not None
 
 
-def test_mavsdk_prints_nothing_of_what_strangers_say(
+async def test_mavsdk_prints_nothing_of_what_strangers_say(
     capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
 ) -> None:
     """A STATUSTEXT of another system that is no UTF-8 was printed as it came, with whatever it does to a terminal."""
-
-    async def scenario() -> None:
+    with caplog.at_level(logging.DEBUG):
         async with datagrams.line() as here:
             rng = random.Random(1)  # noqa: S311 - a fixed seed
             frame = datagrams.packed(rng, "STATUSTEXT", b"\x04\x1b[2J\xff\xfe stranger", 77, 1)
@@ -165,9 +164,6 @@ def test_mavsdk_prints_nothing_of_what_strangers_say(
             await asyncio.sleep(0.1)
             here.autopilot.raw(frame)
             await datagrams.until(lambda: "stranger" in caplog.text)
-
-    with caplog.at_level(logging.DEBUG):
-        asyncio.run(scenario())
     out, err = capfd.readouterr()
     assert "stranger" not in out + err
     assert "log callback" not in out + err
@@ -223,17 +219,13 @@ def test_a_tick_whose_numbers_are_none_is_damage(tmp_path: Path) -> None:
     assert figures(written(tmp_path / "flight.mcap", {})).damage is not None
 
 
-def test_what_flies_is_what_is_fuzzed() -> None:
+async def test_what_flies_is_what_is_fuzzed() -> None:
     """The vehicle of these tests does fly: without that, silence would prove nothing."""
-
-    async def scenario() -> None:
-        async with flying() as bench:
-            moving = 0
-            for _ in range(40):
-                bench.step()
-                bench.step()
-                record = bench.tick()
-                moving += record.sent and bench.moves(record.setpoint)
-            assert moving > 30
-
-    asyncio.run(scenario())
+    async with flying() as bench:
+        moving = 0
+        for _ in range(40):
+            bench.step()
+            bench.step()
+            record = bench.tick()
+            moving += record.sent and bench.moves(record.setpoint)
+        assert moving > 30
