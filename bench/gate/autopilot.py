@@ -46,7 +46,7 @@ class FakeAutopilot:
 
     Args:
         wire: its socket, of `timed_socket`, or one end of a pair.
-        to: where it sends; None: to whoever speaks first, or to the other end.
+        to: where it sends; None: to the first sender, or to the other end.
 
     Attributes:
         sent: messages so far.

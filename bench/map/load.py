@@ -114,7 +114,7 @@ def flight(which: str, number: int, arguments: Namespace, folder: Path) -> Row:
             "record": {"depth": False},
         },
         autopilot=("--boot-s", "2"),
-        beside=("--config", str(folder / "vehicle.yaml")),
+        world_options=("--config", str(folder / "vehicle.yaml")),
     )
     crew = Crew(plan)
     with Wire(gate_port) as wire:

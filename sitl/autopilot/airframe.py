@@ -67,7 +67,7 @@ def inside(caster: RayCaster, body_radius_m: float, stand_m: float) -> Surroundi
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What the inner loops are told: velocity in the true world frame, and the turn.
+    """The demand on the inner loops: velocity in the true world frame, and yaw rate.
 
     ``held`` says that a position loop stands above them, which leaves nothing of the slow disturbance.
     """

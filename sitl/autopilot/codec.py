@@ -17,7 +17,7 @@ _BAD = ("BAD_DATA", "UNKNOWN")
 
 
 class Signing:
-    """One key for all that is said and heard: everything is signed, and nothing unsigned or wrongly signed is heard.
+    """One key both ways: signs what is sent, and drops what arrives unsigned or wrongly signed.
 
     Args:
         key: of 32 bytes.

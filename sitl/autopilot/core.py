@@ -164,8 +164,8 @@ class Autopilot:
     def _drain(self) -> None:
         state = self.state
         state.battery.step(STEP_S, state.flying)
-        if state.battery.percent < 15.0 and not state.low_battery_told:
-            state.low_battery_told = True
+        if state.battery.percent < 15.0 and not state.low_battery_reported:
+            state.low_battery_reported = True
             state.say(Severity.WARNING, "Low battery")
         landing = self.personality.modes[self.personality.land_mode]
         if state.battery.percent < _EMPTY_PERCENT and state.flying and state.mode is not landing:

@@ -1,4 +1,4 @@
-"""The autopilot on the network: UDP to whoever listens and whoever talks, TCP as a server, in real time."""
+"""The autopilot on the network: UDP to configured addresses and to every sender, TCP as a server, in real time."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Endpoint:
         self._random = random.Random(1)  # noqa: S311 - packet loss, no secret
         self._signing = signing
         self._encoder = Encoder(autopilot.system_id, signing)
-        self._heard_s: dict[Address, float] = {}
+        self._peers_s: dict[Address, float] = {}
         self._clients: set[asyncio.StreamWriter] = set()
         self._udp: asyncio.DatagramTransport | None = None
         self._zero_s = clock.now_s()
@@ -117,7 +117,7 @@ class Endpoint:
 
     def _broadcast(self, packet: bytes) -> None:
         if self._udp is not None:
-            for address in {*self._to, *self._heard_s}:
+            for address in {*self._to, *self._peers_s}:
                 if not self._lost():
                     self._udp.sendto(packet, address)
         for writer in tuple(self._clients):
@@ -146,13 +146,13 @@ class Endpoint:
                 self._udp.sendto(answer, address)
 
     def _remember(self, address: Address) -> None:
-        """Whoever talks gets telemetry, as long as it talks."""
+        """A sender gets telemetry, as long as it goes on sending."""
         now_s = self._clock.now_s()
         if address in self._to:
             return
-        self._heard_s = {who: t_s for who, t_s in self._heard_s.items() if now_s - t_s < _SILENT_PEER_S}
-        if address in self._heard_s or len(self._heard_s) < _MOST_PEERS:
-            self._heard_s[address] = now_s
+        self._peers_s = {who: t_s for who, t_s in self._peers_s.items() if now_s - t_s < _SILENT_PEER_S}
+        if address in self._peers_s or len(self._peers_s) < _MOST_PEERS:
+            self._peers_s[address] = now_s
 
     def _received(self, messages: list[Message]) -> list[bytes]:
         answers: list[bytes] = []

@@ -25,7 +25,7 @@ _MAX_CLIMB_MPS = 2.0
 
 
 def motion(personality: Personality, state: State) -> Motion | None:
-    """What the inner loops are told now; ``None`` when the motors stand still."""
+    """The demand on the inner loops now; ``None`` when the motors stand still."""
     if not state.armed:
         return None
     behaviour = personality.active(state)

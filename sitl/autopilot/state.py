@@ -99,7 +99,7 @@ class State:
     origin_s: float = math.inf
     transmitter: bool = False
     motion: Motion | None = None
-    low_battery_told: bool = False
+    low_battery_reported: bool = False
     texts: deque[tuple[Severity, str]] = field(default_factory=lambda: deque(maxlen=32))
     counts: Counter[str] = field(default_factory=Counter)
     """What was ignored, by reason; the reasons are a fixed set."""

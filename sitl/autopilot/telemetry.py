@@ -34,7 +34,7 @@ class Telemetry:
     """Builds messages.
 
     Args:
-        personality: which autopilot speaks.
+        personality: which autopilot it is.
         state: what it knows; read at every call.
         system_id: its number, which also makes its hardware number.
     """

@@ -65,7 +65,7 @@ def autopilot(
     drop: Annotated[float, typer.Option(min=0.0, max=1.0, metavar="SHARE", help="Packets lost, each way.")] = 0.0,
     speed: Annotated[float, typer.Option(min=0.1, max=20.0, metavar="FACTOR", help="Simulated per real time.")] = 1.0,
     signing_key: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Sign all that is sent, and hear only what is signed with it.")
+        Path | None, typer.Option(metavar="FILE", help="Sign everything sent, and accept only what is signed with it.")
     ] = None,
 ) -> None:
     """Be a PX4 or ArduCopter on the network, with a vehicle made of software.

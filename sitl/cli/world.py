@@ -18,7 +18,7 @@ from sitl.world.connection import TruthUrl
 from sitl.world.mavlink_out import Feed
 from sitl.world.odometry import Align, OdometrySettings
 from sitl.world.placement import Scene
-from sitl.world.run import CONTACT, BesideWorld, Plan
+from sitl.world.server import CONTACT, Plan, WorldServer
 from sitl.world.tasks import INTERRUPTED
 from sitl.world.truth_messages import TruthKind
 
@@ -146,10 +146,10 @@ def world(
 
     with console.status("preparing the mine (the very first time compiles the fast parts, about half a minute)"):
         scene = Scene.load(world, seed, start, settings, vehicle)
-        beside = BesideWorld(scene, settings, seed, plan, MonotonicClock(), say)
-    asyncio.run(beside.run())
-    say(beside.last_words())
-    if beside.ended_because == CONTACT:
+        server = WorldServer(scene, settings, seed, plan, MonotonicClock(), say)
+    asyncio.run(server.run())
+    say(server.summary())
+    if server.ended_because == CONTACT:
         raise ContactError("the vehicle touched the mine")
-    if beside.ended_because == INTERRUPTED:
+    if server.ended_because == INTERRUPTED:
         raise typer.Exit(EXIT_INTERRUPTED)

@@ -47,7 +47,7 @@ class FlightPlan:
         settings: what is set besides what `sitl.launch.settings` and this flight need, as nested mappings like those
             in a settings file.
         autopilot: more options for `companion sitl autopilot`.
-        beside: more options for `companion sitl world`.
+        world_options: more options for `companion sitl world`.
     """
 
     folder: Path
@@ -59,7 +59,7 @@ class FlightPlan:
     preset: str = "flight"
     settings: dict[str, dict[str, Any]] | None = None
     autopilot: Sequence[str] = ()
-    beside: Sequence[str] = ()
+    world_options: Sequence[str] = ()
 
 
 class Crew:
@@ -144,7 +144,7 @@ class Crew:
             *("--truth", f"udp://127.0.0.1:{self.to_world}", "--stream", self._stream_url),
             *("--score", str(self.score_file), "--trajectory", str(plan.folder / "truth.csv")),
             *([] if plan.gps else ["--no-gps", "--odometry", "odometry", "--odometry-hz", hz]),
-            *plan.beside,
+            *plan.world_options,
         ]
 
     def _start(self, name: str, options: Sequence[str]) -> subprocess.Popen[bytes]:

@@ -1,4 +1,4 @@
-"""A mine beside a simulated autopilot: it reads where the vehicle truly is, and gives it eyes there.
+"""A mine around the vehicle of a simulated autopilot: sensors rendered where it truly is.
 
 Any simulator serves whose autopilot tells the truth over MAVLink (PX4 SIH, ArduPilot SITL, the stub of this package).
 Depth and ranges leave over the stream that a camera process would offer; the autopilot gets the odometry that a

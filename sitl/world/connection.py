@@ -16,7 +16,7 @@ from companion.errors import InputError
 
 log = logging.getLogger(__name__)
 
-Heard = Callable[[Any, float], None]
+OnMessage = Callable[[Any, float], None]
 """Called with a decoded message and when it arrived, in s."""
 
 _V1, _V2 = 0xFE, 0xFD
@@ -27,14 +27,14 @@ _RECONNECT_S = 1.0
 
 
 @dataclass(slots=True)
-class WireCounts:
-    """What came over the wire, for the line that says how it stands."""
+class ConnectionCounts:
+    """What came over the connection, for the status line."""
 
     decoded: int = 0
     malformed: int = 0
     unsent: int = 0
     other_systems: dict[int, int] = field(default_factory=dict)
-    """How often another vehicle was heard, by its system id: at most 255 entries."""
+    """How many messages of other vehicles came, by system id: at most 255 entries."""
 
 
 def frames(buffer: bytearray) -> Iterator[bytearray]:
@@ -64,7 +64,7 @@ class Decoder:
         counts: where they are counted.
     """
 
-    def __init__(self, system_id: int, wanted: frozenset[int], counts: WireCounts) -> None:
+    def __init__(self, system_id: int, wanted: frozenset[int], counts: ConnectionCounts) -> None:
         self._system_id = system_id
         self._wanted = wanted
         self._counts = counts
@@ -121,7 +121,7 @@ class TruthUrl:
         return cls("udp" if parts.scheme == "udpin" else parts.scheme, parts.hostname, port)
 
 
-class Endpoint:
+class Connection:
     """One connection to one autopilot, over UDP or TCP, that comes back by itself.
 
     Args:
@@ -129,16 +129,18 @@ class Endpoint:
         system_id: of the vehicle; ours is the same, as of any part of it.
         wanted: ids of the messages that are decoded.
         clock: stamps what arrives.
-        heard: called in the event loop with each decoded message.
+        on_message: called in the event loop with each decoded message.
     """
 
-    def __init__(self, url: TruthUrl, system_id: int, wanted: frozenset[int], clock: Clock, heard: Heard) -> None:
-        self.counts = WireCounts()
+    def __init__(
+        self, url: TruthUrl, system_id: int, wanted: frozenset[int], clock: Clock, on_message: OnMessage
+    ) -> None:
+        self.counts = ConnectionCounts()
         self.mavlink = mavlink.MAVLink(self, system_id, mavlink.MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY)
-        """Encodes and sends: its ``..._send`` methods write to this endpoint."""
+        """Encodes and sends: its ``..._send`` methods write to this connection."""
         self._url = url
         self._clock = clock
-        self._heard = heard
+        self._on_message = on_message
         self._decoder = Decoder(system_id, wanted, self.counts)
         self._datagrams: Any = None  # typeshed does not know get_write_buffer_size of it
         self._peer: Any = None
@@ -168,7 +170,7 @@ class Endpoint:
         else:
             self.counts.unsent += 1
 
-    def datagram(self, data: bytes, sender: Any) -> None:
+    def on_datagram(self, data: bytes, sender: Any) -> None:
         """One datagram that has arrived. Who sends a good message of our vehicle is answered from then on."""
         if self._take(bytearray(data)) and self._url.kind == "udp":
             self._peer = sender
@@ -180,7 +182,7 @@ class Endpoint:
             message = self._decoder.decode(frame)
             if message is not None:
                 good = True
-                self._heard(message, received_s)
+                self._on_message(message, received_s)
         return good
 
     async def _run_datagrams(self) -> None:
@@ -204,16 +206,16 @@ class Endpoint:
 
     async def _run_stream(self) -> None:
         url = self._url
-        told = False
+        reported = False
         while True:
             try:
                 reader, self._stream = await asyncio.open_connection(url.host, url.port)
             except OSError as error:
-                if not told:
+                if not reported:
                     log.info("tcp://%s:%d: %s; trying again until it is there", url.host, url.port, error)
-                told = True
+                reported = True
             else:
-                told = False
+                reported = False
                 await self._read(reader, self._stream)
             await asyncio.sleep(_RECONNECT_S)
 
@@ -231,11 +233,11 @@ class Endpoint:
 
 
 class _Datagrams(asyncio.DatagramProtocol):
-    def __init__(self, endpoint: Endpoint) -> None:
-        self._endpoint = endpoint
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
-        self._endpoint.datagram(data, addr)
+        self._connection.on_datagram(data, addr)
 
     def error_received(self, exc: Exception) -> None:
         # The autopilot is not there yet, or no longer: its messages tell when it is.

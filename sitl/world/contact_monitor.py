@@ -40,7 +40,7 @@ class Look:
     touching: bool
 
 
-class Watch:
+class ContactMonitor:
     """Measures one vehicle in a mine as its true poses come.
 
     A contact is a surface within the body's radius of its middle, or no floor below it, while it flies: floors count,

@@ -1,4 +1,4 @@
-"""What the world says to the autopilot: that it is there, which truth it needs, and where on the globe they are."""
+"""The handshake with the autopilot: heartbeats, requests for the true pose, and the origin on the globe."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ENOUGH = 0.8
 ASK_S, ASKED_OFTEN, ASK_SELDOM_S = 2.0, 10, 10.0
 RATE_WINDOW_S = 2.0
 SILENT_S = 10.0
-"""Whoever has heard nothing for this long is told what may be wrong."""
+"""After this long without a message a warning says what may be wrong."""
 
 REBOOT_S = 3.0
 """After a gap in the heartbeats this long the autopilot may be another, or the same one that forgot its origin."""
@@ -44,20 +44,20 @@ def wanted_ids(kind: TruthKind) -> frozenset[int]:
     return frozenset(own | {_IDS[name] for name in MESSAGES[kind]})
 
 
-class Conversation:
-    """One autopilot's partner.
+class Handshake:
+    """The exchange with one autopilot: heartbeat, message intervals, origin.
 
     Args:
         sender: pymavlink's encoder.
         system_id: of the vehicle.
         reader: knows whose truth is taken, and the place of the first.
         truth_hz: how often truth is wanted.
-        set_origin: whether the autopilot is to be told an origin, because it has no GPS.
+        set_origin: whether to send an origin, because the autopilot has no GPS.
     """
 
     def __init__(self, sender: Any, system_id: int, reader: TruthReader, truth_hz: float, set_origin: bool) -> None:
         self.autopilot: int | None = None
-        """MAV_AUTOPILOT of the heartbeat; None until one was heard."""
+        """MAV_AUTOPILOT of the heartbeat; None before the first."""
         self.armed = False
         self.origin_confirmed = False
         self._sender = sender
@@ -73,32 +73,32 @@ class Conversation:
         self._ask_s = -math.inf
         self._origin_s = -math.inf
         self._origin_tries = 0
-        self._told: set[str] = set()
+        self._warned: set[str] = set()
 
     @property
     def is_ardupilot(self) -> bool:
         """Whether ArduPilot is at the other end."""
         return bool(self.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA)
 
-    def heard(self, message: Any, received_s: float) -> None:
+    def on_message(self, message: Any, received_s: float) -> None:
         """Takes note of a heartbeat, or of the answer to an origin."""
         name = message.get_type()
         if name == "HEARTBEAT":
             if received_s - self._heartbeat_s > REBOOT_S:
-                self.began_anew(received_s)
+                self.restart(received_s)
             self._heartbeat_s = received_s
             self.autopilot = message.autopilot
             self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         elif name == "GPS_GLOBAL_ORIGIN":
             self.origin_confirmed = True
 
-    def began_anew(self, now_s: float) -> None:
-        """The autopilot knows nothing any more of what it was told."""
+    def restart(self, now_s: float) -> None:
+        """The autopilot has forgotten everything: it is another, or was started again."""
         self._first_heartbeat_s = now_s
         self.origin_confirmed = False
         self._origin_tries = self._asked = 0
 
-    def truth_came(self, received_s: float) -> None:
+    def on_truth(self, received_s: float) -> None:
         """Takes note of a truth message."""
         self._truth_s.append(received_s)
 
@@ -106,8 +106,8 @@ class Conversation:
         """How often truth has come over the last two seconds."""
         return sum(now_s - RATE_WINDOW_S < t_s <= now_s for t_s in self._truth_s) / RATE_WINDOW_S
 
-    def speak(self, now_s: float) -> None:
-        """Says what is due; to be called once a second."""
+    def send_due(self, now_s: float) -> None:
+        """Sends what is due; to be called once a second."""
         if self._began_s is None:
             self._began_s = now_s
         self._sender.heartbeat_send(
@@ -116,8 +116,8 @@ class Conversation:
         if self.truth_hz(now_s) < ENOUGH * self._truth_hz:
             self._ask(now_s)
         if self._set_origin and not self.origin_confirmed:
-            self._tell_origin(now_s)
-        self._complain(now_s, now_s - self._began_s)
+            self._send_origin(now_s)
+        self._warn_of_silence(now_s, now_s - self._began_s)
 
     def _ask(self, now_s: float) -> None:
         if now_s - self._ask_s < (ASK_S if self._asked < ASKED_OFTEN else ASK_SELDOM_S) - 0.1:
@@ -133,12 +133,12 @@ class Conversation:
                 *(_IDS[name], 1e6 / self._truth_hz, 0, 0, 0, 0, 0),
             )
 
-    def _tell_origin(self, now_s: float) -> None:
+    def _send_origin(self, now_s: float) -> None:
         """An estimator takes it once it runs; a datagram may be lost: so again until it is answered."""
         if now_s - self._first_heartbeat_s < ORIGIN_AFTER_S or now_s - self._origin_s < ORIGIN_EVERY_S - 0.1:
             return
         if self._origin_tries >= ORIGIN_TRIES:
-            self._once(f"the autopilot has not answered SET_GPS_GLOBAL_ORIGIN in {ORIGIN_TRIES} tries")
+            self._warn_once(f"the autopilot has not answered SET_GPS_GLOBAL_ORIGIN in {ORIGIN_TRIES} tries")
             return
         self._origin_s = now_s
         self._origin_tries += 1
@@ -148,21 +148,21 @@ class Conversation:
             *(round(fix.altitude_m * 1e3), int(now_s * 1e6)),
         )
 
-    def _complain(self, now_s: float, since_s: float) -> None:
+    def _warn_of_silence(self, now_s: float, since_s: float) -> None:
         if since_s < SILENT_S or self._truth_s:
             return
         if math.isinf(self._heartbeat_s):
-            self._once(
-                f"nothing heard from an autopilot with system id {self._system_id} for {SILENT_S:.0f} s: waiting"
+            self._warn_once(
+                f"nothing received from an autopilot with system id {self._system_id} for {SILENT_S:.0f} s: waiting"
             )
         elif now_s - self._first_heartbeat_s > SILENT_S:
             names = " or ".join(MESSAGES[self._reader.kind])
-            self._once(
+            self._warn_once(
                 f"the autopilot is there but sends no {names}: only simulators know the truth; without one, "
                 "--truth-from local takes the autopilot's own estimate"
             )
 
-    def _once(self, text: str) -> None:
-        if text not in self._told:
-            self._told.add(text)
+    def _warn_once(self, text: str) -> None:
+        if text not in self._warned:
+            self._warned.add(text)
             log.warning("%s", text)

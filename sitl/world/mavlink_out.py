@@ -1,4 +1,4 @@
-"""What the autopilot is told: odometry, distances, and where on the globe it is when it has no GPS."""
+"""What is sent to the autopilot: odometry and distances."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Outgoing:
         self._sender = sender
         self._feed = feed
         self._align = settings.align
-        # Upper triangles of 6x6 and 3x3, row by row. An estimator that is told 0 trusts without limit.
+        # Upper triangles of 6x6 and 3x3, row by row. An estimator that gets 0 trusts without limit.
         variances = [max(settings.position_noise_m, 0.005) ** 2] * 3 + [
             max(settings.attitude_noise_rad, 0.002) ** 2
         ] * 3

@@ -122,7 +122,7 @@ class Odometry:
         self._seen_s = -math.inf
         self._under_way: deque[tuple[float, Estimate]] = deque(maxlen=MOST_LATE)
 
-    def watch(self, true: Pose, heading_offset_rad: float) -> bool:
+    def observe(self, true: Pose, heading_offset_rad: float) -> bool:
         """The true pose at a new moment, in order of time; whether an estimate was made of it.
 
         Args:

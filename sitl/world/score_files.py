@@ -1,4 +1,4 @@
-"""The two files that a flight beside a simulator leaves: the score and the true trajectory."""
+"""The two files that a flight in a simulator leaves: the score and the true trajectory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the simulators say of where the vehicle truly is, as a pose in metres from the first word."""
+"""What the simulators say of where the vehicle truly is, as a pose in metres from the first message."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ GAP_S = 0.5
 
 
 class TruthKind(enum.StrEnum):
-    """Whose word is taken."""
+    """Which message is taken for the truth."""
 
     AUTO = "auto"
     HIL = "hil"
@@ -72,7 +72,7 @@ class TruthReader:
     has none: then it is the time of arrival, which loopback delays by about a millisecond.
 
     Args:
-        kind: whose word is taken; AUTO stays with whichever speaks first.
+        kind: which message is the truth; AUTO stays with whichever comes first.
     """
 
     def __init__(self, kind: TruthKind) -> None:
@@ -85,7 +85,7 @@ class TruthReader:
         self._attitude: tuple[float, Any] | None = None
         self._last_s = -math.inf
 
-    def hear(self, message: Any, received_s: float) -> NedPose | None:
+    def on_message(self, message: Any, received_s: float) -> NedPose | None:
         """The true pose that a message tells, relative to the first; None for any other, and for what makes no sense.
 
         Args:
@@ -200,7 +200,7 @@ def _is_finite(pose: NedPose) -> bool:
 
 
 class PositionFilter:
-    """A complementary filter that never leaves the grid cell beside the one it was told.
+    """A complementary filter that never leaves the grid cell beside the measured one.
 
     x ← x + v·dt, then a share dt/TAU of the way to the measured position, then back to within one step of it. The true
     position is within one step of the measured one (a cell is rounded or cut off), so the error is at most **two

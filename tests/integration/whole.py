@@ -119,7 +119,7 @@ def flown(folder: Path, personality: str, gps: bool = True, time_limit_s: float 
         time_limit_s=time_limit_s,
         settings={"sensors": {"camera": CAMERA}},
         autopilot=("--boot-s", f"{BOOT_S:g}"),
-        beside=("--config", str(folder / "vehicle.yaml")),
+        world_options=("--config", str(folder / "vehicle.yaml")),
     )
     log = folder / "application.log"
     with (

@@ -26,7 +26,7 @@ LARGEST_DATAGRAM = 65_507
 GROWTH_MB = 150.0
 """The process may grow by this much under a flood: what has not been read yet waits in MAVSDK."""
 RECOVERS_S = 10.0
-HEARD = (
+RECEIVED = (
     "HEARTBEAT",
     "ATTITUDE",
     "LOCAL_POSITION_NED",
@@ -59,7 +59,7 @@ def packed(rng: random.Random, name: str, payload: bytes, system_id: int, compon
 
 def random_frame(rng: random.Random, system_id: int, component_id: int) -> bytes:
     """Any bytes as the content of a message that is listened to, or of any other."""
-    name = rng.choice(HEARD) if rng.random() < 0.8 else rng.choice(list(KINDS))
+    name = rng.choice(RECEIVED) if rng.random() < 0.8 else rng.choice(list(KINDS))
     size = KINDS[name][1].unpacker.size
     payload = rng.choice((rng.randbytes(size), b"\xff" * size, bytes(size), b"\xed\xa0\x80" * size))[:size]
     if rng.random() < 0.3:
@@ -69,7 +69,7 @@ def random_frame(rng: random.Random, system_id: int, component_id: int) -> bytes
     return packed(rng, name, payload, system_id, component_id)
 
 
-def datagram(rng: random.Random, heard: list[bytes]) -> bytes:
+def datagram(rng: random.Random, received: list[bytes]) -> bytes:
     """One datagram that must change nothing."""
     way = rng.randrange(6)
     stranger = rng.choice(((2, 1), (255, 190), (0, 0), (1, 100), (200, 1)))
@@ -81,8 +81,8 @@ def datagram(rng: random.Random, heard: list[bytes]) -> bytes:
         frame = bytearray(random_frame(rng, 1, 1))
         frame[-1] ^= 1 + rng.randrange(255)
         return bytes(frame)
-    if way == 3 and heard:
-        return rng.choice(heard)
+    if way == 3 and received:
+        return rng.choice(received)
     if way == 4:
         return b"".join(random_frame(rng, *stranger) for _ in range(200))[:LARGEST_DATAGRAM]
     return random_frame(rng, *stranger)
@@ -105,7 +105,7 @@ class Line:
         self.seen.append(message)
 
     async def is_as_good_as_new(self) -> None:
-        """The heartbeat is heard, a command is answered, and what comes is not late."""
+        """The heartbeat is received, a command is answered, and what comes is not late."""
         heartbeats = self.link.watch("HEARTBEAT")
         count = heartbeats.count
         await until(lambda: heartbeats.count > count)
@@ -149,11 +149,11 @@ def garbage(rng: random.Random) -> None:
 
 async def _garbage(rng: random.Random) -> None:
     async with line() as here:
-        heard = [true_frame(rng) for _ in range(20)]
+        received = [true_frame(rng) for _ in range(20)]
         before_mb = memory_mb()
         with Responder(here.autopilot._target[1], "none", 77) as stranger:
             for i in range(600):
-                rng.choice((here.autopilot, stranger)).raw(datagram(rng, heard))
+                rng.choice((here.autopilot, stranger)).raw(datagram(rng, received))
                 if i % 20 == 0:
                     await asyncio.sleep(0.002)
         await here.is_as_good_as_new()

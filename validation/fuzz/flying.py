@@ -1,4 +1,4 @@
-"""A vehicle that explores, on a link without an autopilot: everything of the application that hears MAVLink."""
+"""A vehicle that explores, on a link without an autopilot: every part of the application that receives MAVLink."""
 
 from __future__ import annotations
 

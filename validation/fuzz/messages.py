@@ -30,7 +30,7 @@ NEEDED: dict[str, tuple[str, ...]] = {
     "COMMAND_LONG": ("command", "target_system", "target_component"),
     "COMMAND_INT": ("command", "target_system", "target_component"),
 }
-"""Every message that the application hears, and the fields without which it says nothing."""
+"""Every message that the application reads, and the fields without which it means nothing."""
 
 GIVEN_UP_S = 0.15
 """Two ticks and the delay of the last image, on top of each age at which an input counts as stale."""
@@ -114,17 +114,17 @@ def _harmless_command(rng: random.Random, bench: Flying, name: str, fields: dict
     bench.link.deliver(name, fields, rng.choice((1, 2, 255, 0)), rng.choice((1, 190, 0)))
 
 
-def poison(rng: random.Random, bench: Flying, heard: list[tuple[str, dict[str, Any]]]) -> None:
+def poison(rng: random.Random, bench: Flying, received: list[tuple[str, dict[str, Any]]]) -> None:
     """One message of our own autopilot with any numbers in it, or an old one again."""
-    if heard and rng.random() < 0.3:
-        for name, fields in rng.choices(heard, k=rng.choice((1, 1, 8))):
+    if received and rng.random() < 0.3:
+        for name, fields in rng.choices(received, k=rng.choice((1, 1, 8))):
             bench.link.deliver(name, fields)
         return
     name = rng.choice([name for name in NEEDED if not name.startswith("COMMAND_")])
     fields = true_fields(bench, name)
     if rng.random() < 0.3:
-        heard.append((name, fields))
-        del heard[:-200]
+        received.append((name, fields))
+        del received[:-200]
     for key in rng.sample(list(fields), rng.randint(1, len(fields))):
         fields[key] = extreme(rng, fields[key])
     bench.link.deliver(name, fields)
@@ -214,12 +214,12 @@ def anything_our_autopilot_says(rng: random.Random) -> None:
 
 async def _anything(rng: random.Random) -> None:
     async with flying(rng.choice(list(AutopilotKind))) as bench:
-        heard: list[tuple[str, dict[str, Any]]] = []
+        received: list[tuple[str, dict[str, Any]]] = []
         taken = False
         for _ in range(80):
             bench.step()
             for _ in range(rng.randrange(6)):
-                poison(rng, bench, heard)
+                poison(rng, bench, received)
             bench.good = {name for name in ("pose", "depth", "down", "heartbeat") if rng.random() < 0.8}
             record = bench.tick()
             assert not (taken and record.sent)
@@ -233,12 +233,12 @@ def nothing_begins(rng: random.Random) -> None:
 
 async def _nothing_begins(rng: random.Random) -> None:
     async with flying(explore=False) as bench:
-        heard: list[tuple[str, dict[str, Any]]] = []
+        received: list[tuple[str, dict[str, Any]]] = []
         for _ in range(40):
             bench.step()
             for _ in range(rng.randrange(8)):
                 harmless(rng, bench)
-                poison(rng, bench, heard)
+                poison(rng, bench, received)
             record = bench.tick()
             assert record.setpoint is None
             assert not bench.orders.start.is_set()

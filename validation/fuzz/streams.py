@@ -37,7 +37,7 @@ DEPTH_M = np.full((CAMERA.height_px, CAMERA.width_px), WALL_M, np.float32)
 LARGEST_PAYLOAD_BYTES = 200_000
 
 
-class Deaf(asyncio.Transport):
+class StalledTransport(asyncio.Transport):
     """A connection whose other end takes everything and answers nothing."""
 
     closed = False
@@ -140,13 +140,13 @@ async def _driving(rng: random.Random) -> None:
             receiver.ended.cancel()
 
 
-def _connected(bench: Flying) -> tuple[_Receiver, Deaf]:
-    receiver, line = _Receiver(bench.sink, bench.clock), Deaf()
+def _connected(bench: Flying) -> tuple[_Receiver, StalledTransport]:
+    receiver, line = _Receiver(bench.sink, bench.clock), StalledTransport()
     receiver.connection_made(line)
     return receiver, line
 
 
-def _write(receiver: _Receiver, line: Deaf, data: bytes) -> None:
+def _write(receiver: _Receiver, line: StalledTransport, data: bytes) -> None:
     """As the socket does: into the buffer that the receiver gives."""
     rest = memoryview(data)
     while rest.nbytes and not line.closed:

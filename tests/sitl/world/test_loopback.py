@@ -26,7 +26,7 @@ from sitl.world.connection import TruthUrl
 from sitl.world.mavlink_out import Feed
 from sitl.world.odometry import OdometrySettings
 from sitl.world.placement import Scene
-from sitl.world.run import CONTACT, BesideWorld, Plan
+from sitl.world.server import CONTACT, Plan, WorldServer
 from sitl.world.tasks import TERMINATED
 from tests.sitl.scene.test_raycast import box
 from tests.sitl.world.messages import Ned, heartbeat, hil
@@ -102,7 +102,7 @@ class Stage:
         clock = MonotonicClock()
         plan = Plan(TruthUrl("udp", "127.0.0.1", self.port), stream, **options)
         self.said: list[str] = []
-        self.world = BesideWorld(scene, SETTINGS, 1, plan, clock, self.said.append)
+        self.world = WorldServer(scene, SETTINGS, 1, plan, clock, self.said.append)
         self.autopilot = FakeAutopilot()
         self.sink = SensorSink(clock)
         self.driver = StreamDriver(stream, clock)

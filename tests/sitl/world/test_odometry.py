@@ -40,7 +40,7 @@ def seen(odometry: Odometry, poses: Iterator[Pose], offset_rad: float = 0.0) -> 
     """What has left when each pose has just come."""
     out = []
     for pose in poses:
-        odometry.watch(pose, offset_rad)
+        odometry.observe(pose, offset_rad)
         out += odometry.due(pose.t_s)
     return out
 
@@ -113,7 +113,7 @@ def test_drift_grows_with_the_way_and_not_with_time() -> None:
 def test_delay_is_kept_and_the_stamp_is_that_of_the_exposure() -> None:
     """Late data with an honest stamp: what an estimator has to live with."""
     odometry = tracker(replace(PERFECT, delay_s=0.1))
-    odometry.watch(START, 0.0)
+    odometry.observe(START, 0.0)
     assert odometry.due(START.t_s + 0.099) == []
     (estimate,) = odometry.due(START.t_s + 0.1)
     assert estimate.pose.t_s == START.t_s
@@ -152,7 +152,7 @@ def test_what_is_under_way_is_bounded() -> None:
     """Nobody fetches: the oldest go."""
     odometry = tracker(replace(PERFECT, rate_hz=200.0, delay_s=2.0))
     for pose in ahead(20.0, hz=200.0):
-        odometry.watch(pose, 0.0)
+        odometry.observe(pose, 0.0)
     assert len(odometry.due(1e9)) <= 512
 
 

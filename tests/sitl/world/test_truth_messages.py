@@ -18,7 +18,7 @@ BOTH = pytest.mark.parametrize("message_of", [hil, sim], ids=["HIL_STATE_QUATERN
 
 def read(reader: TruthReader, *messages: Any, dt_s: float = 1.0) -> list[NedPose]:
     """Whatever poses come of messages that arrive ``dt_s`` apart."""
-    poses = [reader.hear(message, 100.0 + i * dt_s) for i, message in enumerate(messages)]
+    poses = [reader.on_message(message, 100.0 + i * dt_s) for i, message in enumerate(messages)]
     return [pose for pose in poses if pose is not None]
 
 
@@ -81,8 +81,8 @@ def test_a_stamp_is_moved_to_our_clock_by_the_least_delay() -> None:
     """A message that was held up 30 ms on its way is 30 ms old, not new."""
     reader = TruthReader(TruthKind.HIL)
     for i in range(100):
-        reader.hear(stamped(5.0 + 0.02 * i), 200.001 + 0.02 * i)
-    late = reader.hear(stamped(7.0), 202.031)
+        reader.on_message(stamped(5.0 + 0.02 * i), 200.001 + 0.02 * i)
+    late = reader.on_message(stamped(7.0), 202.031)
     assert late is not None
     assert late.t_s == pytest.approx(202.001, abs=1e-6)
 
@@ -91,8 +91,8 @@ def test_a_simulator_that_cannot_keep_up_does_not_make_its_truth_old() -> None:
     """Its clock stood still for 0.4 s of ours; what it sends then is new all the same."""
     reader = TruthReader(TruthKind.HIL)
     for i in range(100):
-        reader.hear(stamped(5.0 + 0.02 * i), 200.0 + 0.02 * i)
-    after = reader.hear(stamped(7.0), 202.4)
+        reader.on_message(stamped(5.0 + 0.02 * i), 200.0 + 0.02 * i)
+    after = reader.on_message(stamped(7.0), 202.4)
     assert after is not None
     assert after.t_s == pytest.approx(202.4 - LARGEST_DELAY_S)
 
@@ -100,10 +100,10 @@ def test_a_simulator_that_cannot_keep_up_does_not_make_its_truth_old() -> None:
 def test_time_never_goes_back() -> None:
     """Two messages of one instant: sensors that are shown the past would send it."""
     reader = TruthReader(TruthKind.HIL)
-    assert reader.hear(hil((0, 0, 0)), 100.0) is not None
-    assert reader.hear(hil((0, 0, 0)), 100.0) is None
-    assert reader.hear(hil((0, 0, 0)), 99.0) is None
-    assert reader.hear(hil((0, 0, 0)), 100.01) is not None
+    assert reader.on_message(hil((0, 0, 0)), 100.0) is not None
+    assert reader.on_message(hil((0, 0, 0)), 100.0) is None
+    assert reader.on_message(hil((0, 0, 0)), 99.0) is None
+    assert reader.on_message(hil((0, 0, 0)), 100.01) is not None
 
 
 def broken_hil(**fields: Any) -> Any:
@@ -127,7 +127,7 @@ def broken_hil(**fields: Any) -> Any:
 def test_what_makes_no_sense_is_counted_and_does_not_become_the_start(message: Any) -> None:
     """The first pose decides where the mine is: zeros from a simulator that is still booting must not."""
     reader = TruthReader(TruthKind.AUTO)
-    assert reader.hear(message, 100.0) is None
+    assert reader.on_message(message, 100.0) is None
     assert reader.refused == 1
     assert reader.origin is None
 
@@ -135,15 +135,15 @@ def test_what_makes_no_sense_is_counted_and_does_not_become_the_start(message: A
 def test_auto_stays_with_the_first_that_speaks() -> None:
     """Two truths of one vehicle differ by the autopilots' radii: mixed, the vehicle would jump to and fro."""
     reader = TruthReader(TruthKind.AUTO)
-    assert reader.hear(sim((0, 0, 0)), 100.0) is not None
-    assert reader.hear(hil((0, 0, 0)), 101.0) is None
+    assert reader.on_message(sim((0, 0, 0)), 100.0) is not None
+    assert reader.on_message(hil((0, 0, 0)), 101.0) is None
     assert reader.kind is TruthKind.SIM
 
 
 def test_the_origin_is_where_it_booted() -> None:
     """It is handed on to an autopilot without GPS."""
     reader = TruthReader(TruthKind.AUTO)
-    reader.hear(hil((0, 0, 0)), 100.0)
+    reader.on_message(hil((0, 0, 0)), 100.0)
     assert reader.origin is not None
     assert reader.origin.latitude_deg == pytest.approx(LAT_DEG, abs=1e-6)
     assert reader.origin.altitude_m == pytest.approx(ALT_M, abs=2e-3)
@@ -160,18 +160,18 @@ def position(ms: int, place: Ned) -> Any:
 def test_the_autopilots_own_estimate_pairs_position_with_attitude() -> None:
     """Where there is no truth: the attitude, turned on to the time of the position."""
     reader = TruthReader(TruthKind.LOCAL)
-    assert reader.hear(position(5000, (0, 0, 0)), 100.0) is None
-    assert reader.hear(attitude(5000, 1.0, 0.5), 100.0) is None
-    pose = reader.hear(position(5020, (1.0, 2.0, -3.0)), 100.02)
+    assert reader.on_message(position(5000, (0, 0, 0)), 100.0) is None
+    assert reader.on_message(attitude(5000, 1.0, 0.5), 100.0) is None
+    pose = reader.on_message(position(5020, (1.0, 2.0, -3.0)), 100.02)
     assert pose is not None
     assert (pose.north_m, pose.east_m, pose.down_m) == (1.0, 2.0, -3.0)
     assert pose.yaw_rad == pytest.approx(1.01)
     assert (pose.v_north_mps, pose.v_east_mps, pose.v_down_mps) == (0.1, 0.2, 0.3)
-    assert reader.hear(position(5500, (1.0, 2.0, -3.0)), 100.5) is None, "an attitude half a second old"
+    assert reader.on_message(position(5500, (1.0, 2.0, -3.0)), 100.5) is None, "an attitude half a second old"
 
 
 def test_other_messages_are_nothing() -> None:
     """They are neither truth nor wrong."""
     reader = TruthReader(TruthKind.HIL)
-    assert reader.hear(attitude(0, 0.0), 100.0) is None
+    assert reader.on_message(attitude(0, 0.0), 100.0) is None
     assert reader.refused == 0

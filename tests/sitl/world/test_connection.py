@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from companion.clock import MonotonicClock
 from companion.errors import InputError
-from sitl.world.connection import Decoder, Endpoint, TruthUrl, WireCounts, frames
+from sitl.world.connection import Connection, ConnectionCounts, Decoder, TruthUrl, frames
 from sitl.world.handshake import wanted_ids
 from sitl.world.truth_messages import TruthKind
 from tests.sitl.world.messages import heartbeat, hil
@@ -24,8 +24,8 @@ def packed(message: Any, system: int = 1, component: int = 1, version1: bool = F
     return bytes(message.pack(mavlink.MAVLink(None, system, component), force_mavlink1=version1))
 
 
-def decoded(data: bytes, counts: WireCounts | None = None) -> list[str]:
-    decoder = Decoder(1, WANTED, counts or WireCounts())
+def decoded(data: bytes, counts: ConnectionCounts | None = None) -> list[str]:
+    decoder = Decoder(1, WANTED, counts or ConnectionCounts())
     messages = [decoder.decode(frame) for frame in frames(bytearray(data))]
     return [message.get_type() for message in messages if message is not None]
 
@@ -61,7 +61,7 @@ def test_a_signed_message_is_as_long_as_it_is() -> None:
 
 def test_other_vehicles_and_other_parts_are_not_ours() -> None:
     """A second vehicle on the same port must not move ours; a gimbal knows no truth."""
-    counts = WireCounts()
+    counts = ConnectionCounts()
     data = packed(hil((0, 0, 0)), system=2) + packed(heartbeat(12), component=154)
     assert decoded(data, counts) == []
     assert counts.other_systems == {2: 1}
@@ -71,7 +71,7 @@ def test_a_broken_checksum_is_counted() -> None:
     """One flipped bit of a position is a jump through a wall."""
     data = bytearray(packed(hil((0, 0, 0))))
     data[20] ^= 4
-    counts = WireCounts()
+    counts = ConnectionCounts()
     assert decoded(bytes(data), counts) == []
     assert counts.malformed == 1
 
@@ -79,13 +79,13 @@ def test_a_broken_checksum_is_counted() -> None:
 def test_garbage_is_survived() -> None:
     """Random bytes, mutilated messages and good ones: no exception, and a good one alone is still read."""
     draw = random.Random(5)  # noqa: S311 - not a secret
-    endpoint_heard: list[str] = []
-    endpoint = Endpoint(
+    received: list[str] = []
+    connection = Connection(
         TruthUrl.parse("udp://127.0.0.1:14560"),
         1,
         WANTED,
         MonotonicClock(),
-        lambda message, _: endpoint_heard.append(message.get_type()),
+        lambda message, _: received.append(message.get_type()),
     )
     good = packed(hil((0, 0, 0)))
     for _ in range(3000):
@@ -93,19 +93,19 @@ def test_garbage_is_survived() -> None:
         for _ in range(draw.randrange(1, 4)):
             if data:
                 data[draw.randrange(len(data))] = draw.choice((0xFD, 0xFE, draw.randrange(256)))
-        endpoint.datagram(bytes(data), ("127.0.0.1", 1))
-    endpoint_heard.clear()
-    endpoint.datagram(good, ("127.0.0.1", 1))
-    assert endpoint_heard == ["HIL_STATE_QUATERNION"]
-    assert endpoint.counts.malformed > 100
+        connection.on_datagram(bytes(data), ("127.0.0.1", 1))
+    received.clear()
+    connection.on_datagram(good, ("127.0.0.1", 1))
+    assert received == ["HIL_STATE_QUATERNION"]
+    assert connection.counts.malformed > 100
 
 
 def test_without_anybody_there_sending_is_counted() -> None:
     """Nothing waits for an autopilot that may come in an hour."""
     url = TruthUrl.parse("udp://127.0.0.1:14560")
-    endpoint = Endpoint(url, 1, WANTED, MonotonicClock(), lambda _, __: None)
-    endpoint.mavlink.heartbeat_send(18, 8, 0, 0, 4)
-    assert endpoint.counts.unsent == 1
+    connection = Connection(url, 1, WANTED, MonotonicClock(), lambda _, __: None)
+    connection.mavlink.heartbeat_send(18, 8, 0, 0, 4)
+    assert connection.counts.unsent == 1
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import logging
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from sitl.world.handshake import ORIGIN_TRIES, Conversation
+from sitl.world.handshake import ORIGIN_TRIES, Handshake
 from sitl.world.truth_messages import TruthKind, TruthReader
 from tests.sitl.world.messages import ALT_M, LAT_DEG, Tap, heartbeat, hil
 
@@ -20,16 +20,16 @@ class Talk:
     def __init__(self, kind: TruthKind = TruthKind.AUTO, set_origin: bool = False) -> None:
         self.tap = Tap()
         self.reader = TruthReader(kind)
-        self.conversation = Conversation(self.tap.sender, 1, self.reader, 50.0, set_origin)
+        self.handshake = Handshake(self.tap.sender, 1, self.reader, 50.0, set_origin)
         self.now_s = 100.0
 
     def go_on(self, seconds: int, truth_hz: int = 0, beats: bool = True, autopilot: int = 12) -> None:
         for _ in range(seconds):
             if beats:
-                self.conversation.heard(heartbeat(autopilot), self.now_s)
+                self.handshake.on_message(heartbeat(autopilot), self.now_s)
             for i in range(truth_hz):
-                self.conversation.truth_came(self.now_s + i / truth_hz - 1.0)
-            self.conversation.speak(self.now_s)
+                self.handshake.on_truth(self.now_s + i / truth_hz - 1.0)
+            self.handshake.send_due(self.now_s)
             self.now_s += 1.0
 
     def asked(self) -> list[tuple[float, float]]:
@@ -88,14 +88,14 @@ def test_it_asks_seldom_after_a_while() -> None:
 def test_an_origin_is_told_until_it_is_answered() -> None:
     """Where the truth says that it booted; a datagram may be lost, so more than once."""
     talk = Talk(set_origin=True)
-    talk.reader.hear(hil((0.0, 0.0, 0.0)), 100.0)
+    talk.reader.on_message(hil((0.0, 0.0, 0.0)), 100.0)
     talk.go_on(7)
     told = talk.tap.named("SET_GPS_GLOBAL_ORIGIN")
     assert len(told) >= 2
     assert told[0].latitude == pytest.approx(LAT_DEG * 1e7, abs=2)
     assert told[0].altitude == pytest.approx(ALT_M * 1e3, abs=2)
     assert told[0].target_system == 1
-    talk.conversation.heard(mavlink.MAVLink_gps_global_origin_message(1, 2, 3, 0), talk.now_s)
+    talk.handshake.on_message(mavlink.MAVLink_gps_global_origin_message(1, 2, 3, 0), talk.now_s)
     talk.go_on(10)
     assert len(talk.tap.named("SET_GPS_GLOBAL_ORIGIN")) == len(told)
 
@@ -113,7 +113,7 @@ def test_an_autopilot_that_was_started_anew_is_told_again() -> None:
     """It has forgotten: its heartbeats were away for longer than three seconds."""
     talk = Talk(set_origin=True)
     talk.go_on(4)
-    talk.conversation.heard(mavlink.MAVLink_gps_global_origin_message(1, 2, 3, 0), talk.now_s)
+    talk.handshake.on_message(mavlink.MAVLink_gps_global_origin_message(1, 2, 3, 0), talk.now_s)
     before = len(talk.tap.named("SET_GPS_GLOBAL_ORIGIN"))
     talk.go_on(5, beats=False)
     talk.go_on(5)
@@ -127,7 +127,7 @@ def test_with_gps_it_keeps_its_origin() -> None:
     assert talk.tap.named("SET_GPS_GLOBAL_ORIGIN") == []
 
 
-@pytest.mark.parametrize(("beats", "said"), [(False, "nothing heard"), (True, "HIL_STATE_QUATERNION")])
+@pytest.mark.parametrize(("beats", "said"), [(False, "nothing received"), (True, "HIL_STATE_QUATERNION")])
 def test_it_says_once_what_is_missing(beats: bool, said: str, caplog: pytest.LogCaptureFixture) -> None:
     """No autopilot at all, or one that is real and knows no truth: waiting in silence helps nobody."""
     talk = Talk()

@@ -19,9 +19,9 @@ from companion.model import Observation, Pose
 from companion.sensors.drivers.stream_server import StreamServer
 from sitl.scene.render import DepthRenderer
 from sitl.scene.sensors import SensorRig
-from sitl.world.connection import Endpoint, TruthUrl
-from sitl.world.contact_monitor import Look, Watch
-from sitl.world.handshake import Conversation, wanted_ids
+from sitl.world.connection import Connection, TruthUrl
+from sitl.world.contact_monitor import ContactMonitor, Look
+from sitl.world.handshake import Handshake, wanted_ids
 from sitl.world.mavlink_out import Feed, Outgoing, bins_of_beams, bins_of_planar
 from sitl.world.odometry import Odometry, OdometrySettings
 from sitl.world.placement import Placer, Scene
@@ -33,7 +33,7 @@ log = logging.getLogger(__name__)
 
 CONTACT = "contact"
 
-SPEAK_S = 1.0
+SEND_S = 1.0
 SCORE_S = 5.0
 STATUS_S = 10.0
 
@@ -58,7 +58,7 @@ class Plan:
     verbose: bool = False
 
 
-class BesideWorld:
+class WorldServer:
     """One vehicle's world.
 
     The event loop reads the truth and feeds the odometry; a thread of its own renders, always from the newest truth, so
@@ -78,7 +78,7 @@ class BesideWorld:
     ) -> None:
         to_sensors, to_odometry = np.random.SeedSequence((seed, plan.system_id)).spawn(2)
         self.ended_because = ""
-        self.watch = Watch(scene, settings)
+        self.contacts = ContactMonitor(scene, settings)
         self._scene, self._settings, self._seed, self._plan = scene, settings, seed, plan
         self._clock, self._say = clock, say
         self._camera = settings.sensors.camera.model()
@@ -89,18 +89,18 @@ class BesideWorld:
         ]
         # Compiles what is compiled at first use: that takes seconds, and later it would be the first frames.
         rigs[0].observe(scene.stand)
-        Watch(scene, settings).look(scene.stand)
+        ContactMonitor(scene, settings).look(scene.stand)
         self._rig = rigs[1]
         self._reader = TruthReader(plan.truth_from)
         self._placer = Placer(scene.stand)
         self._odometry = Odometry(plan.odometry, np.random.default_rng(to_odometry))
-        self._endpoint = Endpoint(plan.truth, plan.system_id, wanted_ids(plan.truth_from), clock, self._heard)
-        sender = self._endpoint.mavlink
+        self._connection = Connection(plan.truth, plan.system_id, wanted_ids(plan.truth_from), clock, self._on_message)
+        sender = self._connection.mavlink
         self._outgoing = Outgoing(sender, plan.feed, plan.odometry)
-        self._conversation = Conversation(sender, plan.system_id, self._reader, plan.truth_hz, not plan.gps)
+        self._handshake = Handshake(sender, plan.system_id, self._reader, plan.truth_hz, not plan.gps)
         self._trajectory = Trajectory(plan.trajectory)
         self._newest: tuple[Pose, int] | None = None
-        self._restarts_watched = 0
+        self._restarts_seen = 0
         self._fresh = asyncio.Event()
         self._stop = asyncio.Event()
         self._frames = self._readings = self._estimates = self._truths = 0
@@ -119,11 +119,11 @@ class BesideWorld:
                     self._say(self._introduction(server))
                     await until(
                         self._stop,
-                        self._endpoint.run(),
+                        self._connection.run(),
                         self._render(renderer, server),
-                        every(SPEAK_S, lambda: self._conversation.speak(self._clock.now_s())),
+                        every(SEND_S, lambda: self._handshake.send_due(self._clock.now_s())),
                         every(SCORE_S, self._keep_score, at_once=False),
-                        every(STATUS_S, lambda: self._tell(server), at_once=False),
+                        every(STATUS_S, lambda: self._say_status(server), at_once=False),
                     )
         except BaseException as error:
             self.ended_because = self.ended_because or f"error: {error or type(error).__name__}"
@@ -147,12 +147,12 @@ class BesideWorld:
             "ended_because": self.ended_because or None,
             "truth_from": str(self._reader.kind),
             "start": [round(value, 4) for value in (stand.x_m, stand.y_m, stand.z_m, stand.yaw_rad)],
-            **self.watch.figures(),
+            **self.contacts.figures(),
             "simulator_restarts": self._placer.restarts,
             "truth_messages": self._truths,
             "truth_refused": self._reader.refused,
-            "malformed_messages": self._endpoint.counts.malformed,
-            "unsent_messages": self._endpoint.counts.unsent,
+            "malformed_messages": self._connection.counts.malformed,
+            "unsent_messages": self._connection.counts.unsent,
             "depth_frames": self._frames,
             "range_readings": self._readings,
             "odometry": str(self._plan.feed),
@@ -161,24 +161,24 @@ class BesideWorld:
             "odometry_resets": self._odometry.resets,
         }
 
-    def _heard(self, message: Any, received_s: float) -> None:
+    def _on_message(self, message: Any, received_s: float) -> None:
         """One message of the autopilot, in the event loop."""
-        self._conversation.heard(message, received_s)
-        ned = self._reader.hear(message, received_s)
+        self._handshake.on_message(message, received_s)
+        ned = self._reader.on_message(message, received_s)
         if ned is None:
             return
         restarts = self._placer.restarts
         pose = self._placer.place(ned)
-        if self._truths == 0 and self._conversation.armed:
+        if self._truths == 0 and self._handshake.armed:
             log.warning("the vehicle was armed before the world began: where it is now is taken for its start")
         self._truths += 1
-        self._conversation.truth_came(received_s)
+        self._handshake.on_truth(received_s)
         if self._placer.restarts != restarts:
             self._odometry.restart()
-            self._conversation.began_anew(received_s)
+            self._handshake.restart(received_s)
         self._newest = (pose, self._placer.restarts)
         self._fresh.set()
-        if self._plan.feed is not Feed.NONE and self._odometry.watch(pose, self._placer.heading_offset_rad()):
+        if self._plan.feed is not Feed.NONE and self._odometry.observe(pose, self._placer.heading_offset_rad()):
             delay_s = self._plan.odometry.delay_s
             if delay_s > 0.0:
                 # A hair later than due, lest rounding leave it for the next.
@@ -188,7 +188,7 @@ class BesideWorld:
 
     def _send_odometry(self) -> None:
         for estimate in self._odometry.due(self._clock.now_s()):
-            self._outgoing.odometry(estimate, self._conversation.is_ardupilot)
+            self._outgoing.odometry(estimate, self._handshake.is_ardupilot)
             self._estimates += 1
 
     async def _render(self, renderer: ThreadPoolExecutor, server: StreamServer) -> None:
@@ -209,10 +209,10 @@ class BesideWorld:
 
     def _see(self, pose: Pose, restarts: int) -> tuple[Observation, Look | None]:
         """Everything that takes time, in the renderer's thread."""
-        if restarts != self._restarts_watched:
-            self._restarts_watched = restarts
-            self.watch.restart()
-        return self._rig.observe(pose), self.watch.look(pose)
+        if restarts != self._restarts_seen:
+            self._restarts_seen = restarts
+            self.contacts.restart()
+        return self._rig.observe(pose), self.contacts.look(pose)
 
     def _publish(self, observation: Observation, server: StreamServer) -> None:
         plan, ranges, planar = self._plan, observation.ranges, observation.planar
@@ -247,21 +247,21 @@ class BesideWorld:
             f"waiting for its truth at {plan.truth.kind}://{plan.truth.host}:{plan.truth.port}"
         )
 
-    def _tell(self, server: StreamServer) -> None:
+    def _say_status(self, server: StreamServer) -> None:
         if self._plan.verbose:
             look = self._last_look
             d = "not flying" if look is None or look.d_m is None else f"d {look.d_m:.2f} m"
-            rate_hz = self._conversation.truth_hz(self._clock.now_s())
-            self._say(f"{self._told()}; truth {rate_hz:.0f} Hz, {server.client_count} clients, {d}")
+            rate_hz = self._handshake.truth_hz(self._clock.now_s())
+            self._say(f"{self._progress()}; truth {rate_hz:.0f} Hz, {server.client_count} clients, {d}")
 
-    def last_words(self) -> str:
+    def summary(self) -> str:
         """One line about what happened."""
-        return f"ended: {self.ended_because}; {self._told()}"
+        return f"ended: {self.ended_because}; {self._progress()}"
 
-    def _told(self) -> str:
-        watch = self.watch
-        least = f"least d {watch.least_d_m:.2f} m" if math.isfinite(watch.least_d_m) else "never flew"
+    def _progress(self) -> str:
+        monitor = self.contacts
+        least = f"least d {monitor.least_d_m:.2f} m" if math.isfinite(monitor.least_d_m) else "never flew"
         return (
-            f"{watch.time_s:.0f} s, {watch.path_m:.1f} m flown, {least}, {watch.contacts} contacts, "
+            f"{monitor.time_s:.0f} s, {monitor.path_m:.1f} m flown, {least}, {monitor.contacts} contacts, "
             f"{self._frames} frames, {self._estimates} odometry"
         )
