@@ -1,4 +1,4 @@
-"""The link between the autopilot and whoever flies, in the hands of a test: it notes, cuts, loses, changes, invents."""
+"""The link between the autopilot and the gate in the hands of a test: records, cuts, drops, changes and forges."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class UdpRelay(OwnThread):
         self._dead_until_s = time.monotonic() + duration_s
 
     def send_down(self, data: bytes) -> None:
-        """To the gate, by the way on which the autopilot speaks: bytes of any kind."""
+        """To the gate, on the way of the autopilot's messages: bytes of any kind."""
         self._sendto(self._far, data, self._gate)
 
     def send_up(self, data: bytes) -> None:

@@ -53,9 +53,9 @@ async def _fly(ours: Stage) -> None:
                 assert witness.speed_at(time.monotonic() - 0.2) > 0.2, "guided again, without being asked to"
             left_s = time.monotonic()
         await asyncio.sleep(1.2)
-        told = relay.seen.commands(left_s)
+        commands = relay.seen.commands(left_s)
         if personality == "px4":
-            assert [message for message in told if message.command == m.MAV_CMD_DO_SET_MODE] == []
+            assert [message for message in commands if message.command == m.MAV_CMD_DO_SET_MODE] == []
             assert witness.mode != "land", "it is not ours to land"
         else:
             assert witness.mode == "land", "leaving the block lands"

@@ -70,9 +70,9 @@ async def _fly(personality: str, port: int, ours: tuple[UdpRelay, Witness, Stub]
                     await take_back()
         await asyncio.sleep(1.5)
         assert relay.seen.setpoints(hands_off_s) == []
-        told = {message.command for message in relay.seen.commands(hands_off_s)}
+        commands = {message.command for message in relay.seen.commands(hands_off_s)}
         flown_by = {m.MAV_CMD_DO_SET_MODE, m.MAV_CMD_COMPONENT_ARM_DISARM, m.MAV_CMD_NAV_LAND}
-        assert not told & flown_by, "nothing takes the vehicle back, also not the end of the block"
+        assert not commands & flown_by, "nothing takes the vehicle back, also not the end of the block"
         assert (witness.mode, witness.armed) == (PILOTS_MODE[personality], True)
         assert abs(witness.pose().z_m - HEIGHT_M) < 0.5, "it is where the pilot took it"
         assert not others_witness.ever_armed, "what was meant for ours has not armed the other"

@@ -13,40 +13,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 
 from sitl.launch.processes import Crew, FlightPlan
 from tests.integration.rig import BOOT_S, process, wait_for_words
 from tests.integration.witness import Witness
+from validation.fault_matrix.corridor import write_box
 
 SIZE_M = (6.0, 5.0, 3.0)
 START = {"x": -0.5, "y": 0.2, "z": 1.5, "yaw": 0.3}
 # A wide eye sees floor and roof of a small room soon: with the usual one the flight would take minutes.
 CAMERA = {"horizontal_fov_deg": 150.0, "vertical_fov_deg": 120.0, "width_px": 128, "height_px": 128}
 START_S, END_S = 120.0, 60.0
-_CORNERS_OF_TRIANGLES = (
-    (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4),
-    (1, 5, 7), (1, 7, 3),
-)  # fmt: skip
-
-
-def room(folder: Path) -> Path:
-    """A box as a mesh file, with its start beside it."""
-    length_m, width_m, height_m = SIZE_M
-    corners = [
-        (x, y, z) for x in (-length_m / 2, length_m / 2) for y in (-width_m / 2, width_m / 2) for z in (0.0, height_m)
-    ]
-    header = [
-        *("ply", "format ascii 1.0", f"element vertex {len(corners)}"),
-        *(f"property float {axis}" for axis in "xyz"),
-        *(f"element face {len(_CORNERS_OF_TRIANGLES)}", "property list uchar int vertex_indices", "end_header"),
-    ]
-    rows = [" ".join(map(str, corner)) for corner in corners]
-    rows += [" ".join(map(str, (3, *triangle))) for triangle in _CORNERS_OF_TRIANGLES]
-    file = folder / "room.ply"
-    file.write_text("\n".join([*header, *rows, ""]), encoding="ascii")
-    file.with_suffix(".json").write_text(json.dumps({"start": START}), encoding="utf-8")
-    return file
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,10 +50,10 @@ class Flown:
 
     def application(self) -> int:
         """The process id of the application that the gate has started."""
-        for pid in family(self.gate.pid):
-            with contextlib.suppress(OSError):
-                if b"companion.flight" in (Path("/proc") / str(pid) / "cmdline").read_bytes().split(b"\0"):
-                    return pid
+        for member in family(self.gate.pid):
+            with contextlib.suppress(psutil.Error):
+                if "companion.flight" in member.cmdline():
+                    return member.pid
         pytest.fail(f"the application does not run: {self.said()[-1500:]}")
 
     def explore_for(self, duration_s: float) -> None:
@@ -114,7 +93,7 @@ def flown(folder: Path, personality: str, gps: bool = True, time_limit_s: float 
         folder=folder,
         personality=personality,
         gps=gps,
-        world=str(room(folder)),
+        world=str(write_box(folder / "room.ply", SIZE_M, START)),
         seed=3,
         time_limit_s=time_limit_s,
         settings={"sensors": {"camera": CAMERA}},
@@ -133,20 +112,17 @@ def flown(folder: Path, personality: str, gps: bool = True, time_limit_s: float 
             end_family(gate.pid)
 
 
-def family(group: int) -> list[int]:
+def family(group: int) -> list[psutil.Process]:
     """The processes of a process group that are still at work."""
     found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdecimal():
-            with contextlib.suppress(OSError):
-                # The name of a process stands in parentheses and may hold spaces.
-                state, _, its_group = (entry / "stat").read_text().rpartition(")")[2].split()[:3]
-                if int(its_group) == group and state != "Z":
-                    found.append(int(entry.name))
+    for member in psutil.process_iter():
+        with contextlib.suppress(psutil.Error, ProcessLookupError):
+            if os.getpgid(member.pid) == group and member.status() != psutil.STATUS_ZOMBIE:
+                found.append(member)
     return found
 
 
 def end_family(group: int) -> None:
-    """End what a gate that was killed may have left, whose children cannot be told otherwise."""
+    """Kill what is left of a gate that was killed itself and could end no child."""
     with contextlib.suppress(ProcessLookupError):
         os.killpg(group, signal.SIGKILL)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 LENGTH_M, WIDTH_M, HEIGHT_M = 14.0, 4.0, 3.0
@@ -15,9 +16,18 @@ _CORNERS_OF_TRIANGLES = (
 
 
 def corridor(folder: Path) -> Path:
-    """A box as a mesh file, along x, with its start beside it."""
+    """A dead end along x."""
     half_m = LENGTH_M / 2.0
-    corners = [(x, y, z) for x in (-half_m, half_m) for y in (-WIDTH_M / 2.0, WIDTH_M / 2.0) for z in (0.0, HEIGHT_M)]
+    start = {"x": half_m - TO_WALL_M, "y": 0.0, "z": 1.5, "yaw": 0.0}
+    return write_box(folder / "corridor.ply", (LENGTH_M, WIDTH_M, HEIGHT_M), start)
+
+
+def write_box(file: Path, size_m: tuple[float, float, float], start: Mapping[str, float]) -> Path:
+    """Write a box as a mesh file, its floor in the middle of the plan at height 0, and a JSON file with the start."""
+    length_m, width_m, height_m = size_m
+    corners = [
+        (x, y, z) for x in (-length_m / 2, length_m / 2) for y in (-width_m / 2, width_m / 2) for z in (0.0, height_m)
+    ]
     header = [
         *("ply", "format ascii 1.0", f"element vertex {len(corners)}"),
         *(f"property float {axis}" for axis in "xyz"),
@@ -25,8 +35,6 @@ def corridor(folder: Path) -> Path:
     ]
     rows = [" ".join(map(str, corner)) for corner in corners]
     rows += [" ".join(map(str, (3, *triangle))) for triangle in _CORNERS_OF_TRIANGLES]
-    file = folder / "corridor.ply"
     file.write_text("\n".join([*header, *rows, ""]), encoding="ascii")
-    start = {"x": half_m - TO_WALL_M, "y": 0.0, "z": 1.5, "yaw": 0.0}
     file.with_suffix(".json").write_text(json.dumps({"start": start}), encoding="utf-8")
     return file

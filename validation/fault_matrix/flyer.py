@@ -3,7 +3,7 @@
     python -m validation.fault_matrix.flyer --control PORT [--wait] run --settings-fd N ...
 
 Everything after that is for `companion.flight`. At the port it listens for the faults of `flyer_faults`; with
-`--wait` it loads everything and then waits there for the word to go.
+`--wait` it loads everything and then waits there for the command to go.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 import typer
 
-from companion import pipeline as explorer
+from companion import pipeline
 from companion.config.settings import Settings
 from companion.control import laws
 from companion.control.governor import braking_speed_mps
@@ -89,12 +89,12 @@ class Straight:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Fly as told by the gate; the exit code of the application."""
+    """Fly with the options of the gate; the exit code of the application."""
     parser = argparse.ArgumentParser(prog="validation.fault_matrix.flyer", allow_abbrev=False)
     parser.add_argument("--control", type=int, required=True)
     parser.add_argument("--wait", action="store_true")
     given, rest = parser.parse_known_args(arguments)
-    setattr(explorer, "Navigator", Straight)  # noqa: B010 - a plain assignment is none that types allow
+    setattr(pipeline, "Navigator", Straight)  # noqa: B010 - a plain assignment is none that types allow
     install(given.control)
     settings = Settings.model_validate_json(unsealed(int(rest[rest.index("--settings-fd") + 1])), strict=True)
     # What `process_faults` changes in the file.

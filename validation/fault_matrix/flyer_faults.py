@@ -1,4 +1,4 @@
-"""What goes wrong inside the application: each fault has a word, sent to a port of its own process.
+"""What goes wrong inside the application: each fault has a name, sent to a port of its own process.
 
 It reaches past every check that the application has of itself: what is sent here leaves through its own connection, as
 if the code in front of it were wrong.

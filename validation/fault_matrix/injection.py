@@ -22,7 +22,7 @@ class Final(enum.StrEnum):
     BRAKED = "braked"
     """In the air, standing, while the gate streams zero velocity."""
     HELD = "held"
-    """Told to hold, and standing."""
+    """Commanded to hold, and standing."""
     LANDED = "landed"
     """On the ground or on the way there."""
     FLEW_ON = "flew on"

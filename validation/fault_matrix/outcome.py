@@ -24,7 +24,7 @@ MOST_S = 0.5
 """Above this the flight has failed, whatever else it did."""
 ZERO_MPS = 0.02
 SETTLED_S = 0.3
-"""A zero after which the vehicle is told to move again within this time was no stop."""
+"""A zero after which the vehicle is commanded to move again within this time was no stop."""
 STANDING_MPS, STANDING_FOR_S = 0.12, 0.5
 """A simulated vehicle that holds its place drifts, and creeps at 0.05 m/s where there is room left."""
 NEWEST_S = 1.0
@@ -47,7 +47,7 @@ class Outcome:
         least_m: least true distance to any wall from then on, from the middle of the body.
         contacts: with anything.
         final: how it stood in the end.
-        gate: what the gate told its pilot, oldest first.
+        gate: what the gate reported to the pilot, oldest first.
         problem: what was not as it must be, in words; None: nothing.
         attempts: flights that it took to come as far as the fault, on a computer that did not stand still.
         stood_still_s: the longest time for which the gate, the autopilot or the wires waited for a processor.

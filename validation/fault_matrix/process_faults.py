@@ -1,4 +1,4 @@
-"""Faults of processes, of the application's logic, of who speaks on loopback, and of the computer."""
+"""Faults of processes, of the application's logic, of senders on loopback, and of the computer."""
 
 from __future__ import annotations
 
@@ -73,11 +73,11 @@ def _rewrite_and_kill(flight: Flight) -> None:
 
 
 def _old_settings_and_nothing_flies(flight: Flight) -> str | None:
-    told = [line for line in flight.said().splitlines() if line.startswith("flyer: speed")]
-    if len(told) != 2:
-        return f"the application was started {len(told)} times"
-    if len(set(told)) != 1:
-        return f"other settings after the restart: {told}"
+    started = [line for line in flight.said().splitlines() if line.startswith("flyer: speed")]
+    if len(started) != 2:
+        return f"the application was started {len(started)} times"
+    if len(set(started)) != 1:
+        return f"other settings after the restart: {started}"
     if flight.witness.armed:
         return "armed after the restart"
     return None

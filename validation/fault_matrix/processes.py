@@ -1,50 +1,50 @@
-"""What the kernel tells of the processes of a flight: who is whose child, and who listens where."""
+"""The processes of a flight: who is whose child, and which ports they have bound."""
 
 from __future__ import annotations
 
 import contextlib
 import socket
-from pathlib import Path
 
 import psutil
 
-_PROC = Path("/proc")
-
 
 def children(pid: int) -> list[int]:
-    """Of a process, oldest first; none when it is gone."""
-    found: list[int] = []
-    with contextlib.suppress(OSError):
-        for thread in sorted((_PROC / str(pid) / "task").iterdir()):
-            found += [int(child) for child in (thread / "children").read_text().split()]
-    return found
+    """The children of a process, oldest first; none when it is gone."""
+    return [child.pid for child in _children(pid)]
 
 
 def map_process(application: int) -> int | None:
     """The child that holds the map; multiprocessing keeps another one for itself."""
-    for child in children(application):
-        with contextlib.suppress(OSError):
-            if b"spawn_main" in (_PROC / str(child) / "cmdline").read_bytes():
-                return child
+    for child in _children(application):
+        with contextlib.suppress(psutil.Error):
+            if any("spawn_main" in word for word in child.cmdline()):
+                return child.pid
     return None
-
-
-def family(pid: int) -> list[int]:
-    """A process and all that it has started, and they."""
-    found = [pid]
-    for member in found:
-        found += children(member)
-    return found
 
 
 def open_sockets(pid: int) -> set[tuple[str, int]]:
     """Where a process and all that it has started can be spoken to: ("udp" or "tcp", port), TCP where it listens."""
     found = set()
-    for member in family(pid):
+    for process in _family(pid):
         with contextlib.suppress(psutil.Error):
-            for one in psutil.Process(member).net_connections("inet"):
+            for one in process.net_connections("inet"):
                 if one.type == socket.SOCK_DGRAM:
                     found.add(("udp", one.laddr.port))
                 elif one.status == psutil.CONN_LISTEN:
                     found.add(("tcp", one.laddr.port))
     return found
+
+
+def _family(pid: int) -> list[psutil.Process]:
+    try:
+        own = psutil.Process(pid)
+        return [own, *own.children(recursive=True)]
+    except psutil.NoSuchProcess:
+        return []
+
+
+def _children(pid: int) -> list[psutil.Process]:
+    try:
+        return sorted(psutil.Process(pid).children(), key=psutil.Process.create_time)
+    except psutil.NoSuchProcess:
+        return []

@@ -28,8 +28,8 @@ def markdown(outcomes: Sequence[Outcome]) -> str:
     for group, found in itertools.groupby(outcomes, key=lambda outcome: outcome.group):
         rows = list(found)
         parts.append("\n".join([f"### {group.capitalize()}", "", *_HEADER, *map(_row, rows)]))
-        told = {one.name: BY_NAME[one.name].what for one in rows if one.name in BY_NAME}
-        parts.append("\n".join(f"- {name}: {what}." for name, what in told.items()))
+        meanings = {one.name: BY_NAME[one.name].what for one in rows if one.name in BY_NAME}
+        parts.append("\n".join(f"- {name}: {what}." for name, what in meanings.items()))
     return "\n\n".join(parts)
 
 

@@ -56,9 +56,9 @@ class Flight:
         personality: px4 or ardupilot.
         config: the settings file that it was started with.
         settings: what stood in it.
-        plan: what the gate was told.
+        plan: what the gate was started with.
         gate: its process, whose child is the application.
-        gate_port: where the gate hears the autopilot.
+        gate_port: where the gate receives from the autopilot.
         relay: between autopilot and gate.
         stream: between world and application.
         witness: a ground station that only looks on.

@@ -1,4 +1,4 @@
-"""Somebody else on this computer who speaks to the sockets of a flight: a process of its own.
+"""Another program on this computer that sends to the sockets of a flight: a process of its own.
 
 python -m validation.fault_matrix.stranger garbage|setpoints|telemetry PORT ...
 """

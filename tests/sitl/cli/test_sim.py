@@ -16,11 +16,11 @@ import laspy
 import numpy as np
 import pytest
 
-from companion.cli import main as cli
+from companion.cli.main import main
 from companion.config.load import load_settings
-from sitl.cli import sim as sim_cli
+from sitl.cli import sim
 from sitl.report import run_folder
-from sitl.sim import simulation as simulation_module
+from sitl.sim import simulation
 from sitl.sim.flight_log import COLUMNS
 from tests.sitl.scene.test_raycast import box
 
@@ -82,7 +82,7 @@ def fly(place: Path, *arguments: str) -> Done:
     given += ["--out", str(folder)] if "--out" not in arguments else []
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), pytest.raises(SystemExit) as ended:
-        cli.main(["sim", *given, *arguments])
+        main(["sim", *given, *arguments])
     return Done(int(ended.value.code or 0), out.getvalue(), err.getvalue(), folder)
 
 
@@ -178,7 +178,7 @@ class TestEnd:
 
     def test_a_complete_map_is_a_success(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """Protects scripts: the code is 0 and nothing is complained of. Complete is taken for 20 % here, for speed."""
-        monkeypatch.setattr(simulation_module, "COMPLETE_SHARE", 0.2)
+        monkeypatch.setattr(simulation, "COMPLETE_SHARE", 0.2)
         done = fly(tmp_path, "--world", "room", "--time-limit", "120")
         assert (done.code, done.err) == (0, "")
         assert done.summary["ended_because"] == "complete"
@@ -353,7 +353,7 @@ class TestInterrupted:
         def interrupted(*_arguments: object, **_named: object) -> None:
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(sim_cli, moment, interrupted)
+        monkeypatch.setattr(sim, moment, interrupted)
         done = fly(tmp_path, "--world", "room", "--time-limit", "0.1")
         assert done.code == 130
         assert "Traceback" not in done.err

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from companion.cli import main as cli
+from companion.cli.main import main
 from companion.clock import MonotonicClock
 from companion.config.settings import Settings
 from companion.model import Beam, Pose
@@ -251,7 +251,7 @@ def test_ports_that_are_taken_are_the_users_mistake(capsys: pytest.CaptureFixtur
             (["--world", "room", "--truth", f"udp://127.0.0.1:{port}", "--stream", "tcp://127.0.0.1:0"], str(port)),
         ):
             with pytest.raises(SystemExit) as ended:
-                cli.main(["sitl", "world", *arguments])
+                main(["sitl", "world", *arguments])
             assert ended.value.code == 2
             assert said in capsys.readouterr().err
 
