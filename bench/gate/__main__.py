@@ -21,6 +21,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import psutil
 
 from bench.gate.autopilot import FakeAutopilot
 from bench.gate.child import WARM_UP_S, timed, timed_socket
@@ -30,6 +31,7 @@ from companion.config.settings import Settings
 from companion.gate.plan import Plan
 from companion.gate.protocol import GATE_FD
 from companion.safety_case.gate_plan import to_plan
+from sitl.launch.processes import free_udp_ports
 
 RATES_HZ = (20.0, 200.0)
 """Of setpoints: as they are flown, and ten times as many for the sake of numbers."""
@@ -46,7 +48,7 @@ def through_gate(hz: float, seconds: float, realtime: bool, profile: Path | None
     with _folder() as folder, timed_socket() as wire:
         file = folder / "delays.json"
         child = (sys.executable, "-m", "bench.gate.child", str(hz), str(seconds), str(file))
-        port = _free_port()
+        (port,) = free_udp_ports(1)
         plan = _plan(port, child, realtime)
         autopilot = FakeAutopilot(wire, ("127.0.0.1", port))
         with _gate(plan, folder, profile) as gate:
@@ -176,14 +178,8 @@ def _for(autopilot: FakeAutopilot, duration_s: float) -> None:
 
 
 def _child_of(pid: int) -> int:
-    (child,) = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()
-    return int(child)
-
-
-def _free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
-        found.bind(("127.0.0.1", 0))
-        return int(found.getsockname()[1])
+    (child,) = psutil.Process(pid).children()
+    return child.pid
 
 
 @contextlib.contextmanager

@@ -7,7 +7,7 @@ range and in view, and by writing rows of pixels in a loop that the compiler tur
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -47,19 +47,26 @@ class DepthRenderer:
             (height, width) distance in m along the optical axis to the nearest surface, seen from either side; inf
             where there is none within `FAR_SHARE` of the camera's range. Nothing nearer than `NEAR_M` is seen.
         """
-        camera, chunks = self.camera, self._chunks
-        axes, place = camera_to_world(camera, pose)
-        image: NDArray[np.float32] = _rendered(
-            *(chunks.vertices_m, chunks.vertex_starts, chunks.triangles, chunks.triangle_starts),
-            *(chunks.centres_m, chunks.radii_m, axes, place),
-            *(camera.width_px, camera.height_px, (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)),
-            camera.max_range_m * FAR_SHARE,
-        )
+        camera = self.camera
+        lens = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
+        far_m = camera.max_range_m * FAR_SHARE
+        view = _View(*camera_to_world(camera, pose), camera.width_px, camera.height_px, lens, far_m)
+        image: NDArray[np.float32] = _rendered(self._chunks, view)
         return image
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Chunks:
+class _View(NamedTuple):
+    """From where an image is seen: the camera's axes (3, 3) and place (3,) in the world, its pixels, and how far."""
+
+    axes: Array
+    place: Array
+    width: int
+    height: int
+    lens: Lens
+    far: float
+
+
+class _Chunks(NamedTuple):
     """A mesh sorted into cubes, each with the sphere around it and vertices of its own.
 
     Attributes:
@@ -100,21 +107,10 @@ class _Chunks:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _rendered(
-    vertices: Array,
-    vertex_starts: NDArray[np.int64],
-    triangles: NDArray[np.int64],
-    triangle_starts: NDArray[np.int64],
-    centres: Array,
-    radii: Array,
-    axes: Array,
-    place: Array,
-    width: int,
-    height: int,
-    lens: Lens,
-    far: float,
-) -> NDArray[np.float32]:
+def _rendered(chunks: _Chunks, view: _View) -> NDArray[np.float32]:
     """The depth image. 1/depth is linear over the pixels that a plane covers, and its greatest value is the nearest."""
+    vertices, vertex_starts, triangles, triangle_starts, _, _ = chunks
+    axes, place, width, height, lens, far = view
     fx, fy, cx, cy = lens
     background = np.float32(1.0 / far)
     inverse = np.full((height, width), background, dtype=np.float32)
@@ -123,7 +119,7 @@ def _rendered(
     pixel = np.empty((most, 2))
     polygon = np.empty((4, 2))
 
-    for chunk in _chunks_in_view(centres, radii, axes, place, width, height, lens, far):
+    for chunk in _chunks_in_view(chunks, view):
         first = vertex_starts[chunk]
         for i in range(vertex_starts[chunk + 1] - first):
             x = vertices[first + i, 0] - place[0]
@@ -174,17 +170,10 @@ def _rendered(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _chunks_in_view(
-    centres: Array,
-    radii: Array,
-    axes: Array,
-    place: Array,
-    width: int,
-    height: int,
-    lens: Lens,
-    far: float,
-) -> NDArray[np.int64]:
+def _chunks_in_view(chunks: _Chunks, view: _View) -> NDArray[np.int64]:
     """The chunks whose sphere reaches into the pyramid that the image covers out to ``far``."""
+    centres, radii = chunks.centres_m, chunks.radii_m
+    axes, place, width, height, lens, far = view
     fx, fy, cx, cy = lens
     left_slope, right_slope = (cx + 0.5) / fx, (width - 0.5 - cx) / fx
     up_slope, down_slope = (cy + 0.5) / fy, (height - 0.5 - cy) / fy
