@@ -40,7 +40,7 @@ class Signing:
         check, stamps = mavlink.check_signature, self._state.stream_timestamps
 
         def checked(raw: bytearray, system_id: int, component_id: int) -> bool:
-            # pymavlink believes the stamp before it looks at the signature: anybody could make a sender unheard.
+            # pymavlink believes the stamp before it looks at the signature: anybody could lock a sender out.
             sender = (raw[-13], system_id, component_id)
             before = stamps.get(sender)
             good = bool(check(raw, system_id, component_id))

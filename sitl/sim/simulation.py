@@ -185,7 +185,7 @@ class Simulation:
         self.t_s = self.flights[0].vehicle.pose.t_s
 
     def _exchange(self) -> None:
-        """Every vehicle hears of all others, and the distances between them are watched."""
+        """Every vehicle gets the reports of all others, and the distances between them are watched."""
         reports = [(flight.log.vehicle_id, flight.report()) for flight in self.flights]
         for flight in self.flights:
             for number, report in reports:

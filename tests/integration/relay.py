@@ -54,7 +54,7 @@ class UdpRelay(OwnThread):
         alter_down: what becomes of each message from the autopilot to the gate. Called in the relay's thread.
         dead: set it and nothing passes any more, either way.
         dead_up: the same for the way to the autopilot alone.
-        stranger_heard: datagrams that were sent to the address of `speak_down`'s stranger.
+        stranger_received: datagrams that were sent to the address of `speak_down`'s stranger.
         lost_share: may be changed at any time.
         lost: packets that were not passed on: to the gate, to the autopilot.
         passed: packets that were: to the gate, to the autopilot.
@@ -65,7 +65,7 @@ class UdpRelay(OwnThread):
     def __init__(self, to_gate: int, lost_share: float = 0.0, seed: int = 1) -> None:
         self.alter_down: Alter | None = None
         self.dead = self.dead_up = False
-        self.stranger_heard = 0
+        self.stranger_received = 0
         self.lost_share = lost_share
         self.lost, self.passed = [0, 0], [0, 0]
         self.errors: deque[BaseException] = deque(maxlen=20)
@@ -89,7 +89,7 @@ class UdpRelay(OwnThread):
 
     def send_up(self, data: bytes) -> None:
         """To the autopilot."""
-        assert self._autopilot is not None, "the autopilot was never heard"
+        assert self._autopilot is not None, "nothing came from the autopilot"
         self._sendto(self._near, data, self._autopilot)
 
     def speak_down(self, say: Callable[[], bytes] | None, period_s: float = 0.1, *, as_stranger: bool = False) -> None:
@@ -124,7 +124,7 @@ class UdpRelay(OwnThread):
         except OSError:
             # Nobody listened where it spoke.
             return
-        self.stranger_heard += 1
+        self.stranger_received += 1
 
     def _pass_on(self, to_autopilot: bool) -> None:
         try:

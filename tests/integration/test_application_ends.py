@@ -56,7 +56,7 @@ def test_ctrl_c_lands_and_writes_everything(tmp_path: Path) -> None:
 @pytest.mark.timeout(150)
 @pytest.mark.parametrize("personality", PERSONALITIES)
 def test_a_gate_that_is_killed_leaves_a_vehicle_that_stands_still(personality: str, tmp_path: Path) -> None:
-    """Protects against the death of the gate itself: --fix has told the autopilot what to do then.
+    """Protects against the death of the gate itself: --fix has configured what the autopilot does then.
 
     And against losing what was flown for: the application writes the map, and says why it ended.
     """

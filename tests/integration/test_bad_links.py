@@ -41,7 +41,7 @@ async def _fly_lossy(ours: Stage) -> None:
 @pytest.mark.flight
 @pytest.mark.timeout(120)
 async def test_a_link_that_dies_stops_the_vehicle_and_gives_back_only_what_is_still_ours(tmp_path: Path) -> None:
-    """Protects the ten seconds in which neither side hears the other, and the moment after.
+    """Protects the ten seconds in which nothing passes either way, and the moment after.
 
     The autopilot stops by itself. When the link is back PX4 says that its failsafe has the vehicle, and it stays there;
     ArduPilot is still in guided, so the flight may go on.
@@ -62,7 +62,7 @@ async def _fly_through_an_outage(ours: Stage) -> None:
 
         assert vehicle.silent_because is not None
         assert "no heartbeat" in vehicle.silent_because
-        assert relay.seen.setpoints(died_s + 4.5) == [], "who hears nothing says nothing"
+        assert relay.seen.setpoints(died_s + 4.5) == [], "no setpoints into a dead link"
         dead = [pose for pose in tuple(witness.poses) if pose.t_s > died_s + 3.0]
         assert max(map(speed_mps, dead)) < 0.15
         assert apart_m(witness.pose_at(died_s), witness.pose()) < 0.9

@@ -1,4 +1,4 @@
-"""A signed link from end to end: an autopilot that hears nothing unsigned, and the gate that signs and checks."""
+"""A signed link from end to end: an autopilot that drops everything unsigned, and the gate that signs and checks."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def key_file(file: Path, key: str) -> Path:
 
 @pytest.mark.flight
 @pytest.mark.parametrize(("gates_key", "found", "patience_s"), [("7c", True, 8.0), ("11", False, 3.0)])
-def test_only_who_has_the_key_is_heard(gates_key: str, found: bool, patience_s: float, tmp_path: Path) -> None:
+def test_only_who_has_the_key_is_accepted(gates_key: str, found: bool, patience_s: float, tmp_path: Path) -> None:
     """Protects both directions: the autopilot obeys only the key, and what it says is believed only with it."""
     (port,) = free_udp_ports(1)
     log = tmp_path / "autopilot.log"

@@ -28,7 +28,7 @@ OURS, OTHER = 1, 2
 async def test_the_pilot_of_our_vehicle_is_obeyed_at_once_and_the_one_of_another_is_not(
     personality: str, tmp_path: Path
 ) -> None:
-    """Protects the pilot's last word, and a second vehicle whose autopilot speaks on the same port.
+    """Protects the pilot's last word, and a second vehicle whose autopilot sends on the same port.
 
     The other vehicle, of the other firmware, must neither be flown by us nor decide anything for us.
     """
@@ -50,7 +50,7 @@ async def _fly(personality: str, port: int, ours: tuple[UdpRelay, Witness, Stub]
         async with aboard(port, system_id=9, connect_timeout_s=2.5):
             pytest.fail("which vehicle to fly is never guessed")
     async with aboard(port, OURS) as flight:
-        assert flight.link.kind == personality, "that of our system id, not the one that spoke first"
+        assert flight.link.kind == personality, "that of our system id, not the one that came first"
         async with flight.vehicle as vehicle:
             await flight.fly()
             other.pilot_takes_over()

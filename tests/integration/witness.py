@@ -41,7 +41,7 @@ class Witness(OwnThread):
 
     Args:
         port: the UDP port to which the autopilot sends besides; by default a free one.
-        system_id: of the vehicle; what others say is not heard.
+        system_id: of the vehicle; messages of others are dropped.
 
     Attributes:
         poses: as the autopilot tells them; with GPS that is the truth within centimetres. Stamped on arrival.
@@ -64,7 +64,7 @@ class Witness(OwnThread):
     @property
     def mode(self) -> str:
         """Of the newest heartbeat."""
-        return self.beats[-1].mode if self.beats else "never heard"
+        return self.beats[-1].mode if self.beats else "no heartbeat"
 
     @property
     def armed(self) -> bool:
@@ -78,7 +78,7 @@ class Witness(OwnThread):
 
     def pose(self) -> Pose:
         """The newest."""
-        assert self.poses, "the autopilot never told where it is"
+        assert self.poses, "no position came from the autopilot"
         return self.poses[-1]
 
     def pose_at(self, t_s: float) -> Pose:
@@ -90,7 +90,7 @@ class Witness(OwnThread):
     def speed_at(self, t_s: float, window_s: float = 0.2) -> float:
         """Mean horizontal speed in m/s around a moment: of one alone the noise would tell as well."""
         speeds = [speed_mps(pose) for pose in tuple(self.poses) if abs(pose.t_s - t_s) <= 0.5 * window_s]
-        assert speeds, "nothing was heard then"
+        assert speeds, "no velocity came then"
         return math.fsum(speeds) / len(speeds)
 
     def wait(self, what: str, ready: Callable[[], bool], timeout_s: float) -> None:
@@ -103,7 +103,7 @@ class Witness(OwnThread):
 
     def send(self, message: Message, sender: tuple[int, int] = GROUND_STATION) -> None:
         """Say something to the autopilot, by default as a ground station."""
-        assert self._autopilot is not None, "the autopilot was never heard"
+        assert self._autopilot is not None, "nothing came from the autopilot"
         self._socket.sendto(message.pack(m.MAVLink(None, *sender)), self._autopilot)
 
     def _run(self) -> None:

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
-from companion.geometry import camera_to_level, camera_to_world, pixel_tangents, quaternion, rotation
+from companion.geometry import angles_of, camera_to_level, camera_to_world, pixel_tangents, quaternion, rotation
 from companion.model import Camera, Pose
 
 QUARTER = math.pi / 2.0
@@ -161,3 +161,11 @@ def test_the_quaternion_is_the_same_rotation(yaw_rad: float, pitch_rad: float, r
     across = np.cross(u, axes)
     turned = axes + 2.0 * w * across + 2.0 * np.cross(u, across)
     np.testing.assert_allclose(turned.T, rotation(yaw_rad, pitch_rad, roll_rad), atol=ROUNDING)
+
+
+def test_a_quaternion_gives_its_angles_back_or_none() -> None:
+    """Protects what is read from MAVLink and from recordings."""
+    turned = (-2.1, 0.4, -0.3)
+    assert angles_of(quaternion(*turned)) == pytest.approx(turned)
+    assert angles_of((0.0, 0.0, 0.0, 0.0)) is None
+    assert angles_of((math.nan, 0.0, 0.0, 1.0)) is None

@@ -66,9 +66,9 @@ def _second_autopilot(as_stranger: bool) -> Callable[[Flight], None]:
     return inject
 
 
-def _stranger_heard_nothing(flight: Flight) -> str | None:
-    heard = flight.relay.stranger_heard
-    return f"the stranger was sent {heard} datagrams" if heard else None
+def _stranger_received_nothing(flight: Flight) -> str | None:
+    received = flight.relay.stranger_received
+    return f"the stranger was sent {received} datagrams" if received else None
 
 
 LINK_FAULTS_ALONE = (
@@ -139,7 +139,7 @@ LINK_FAULTS_ALONE = (
         _second_autopilot(as_stranger=True),
         frozenset({Final.FLEW_ON}),
         needs_stop=False,
-        verify=_stranger_heard_nothing,
+        verify=_stranger_received_nothing,
     ),
     Injection(
         "second autopilot on the link",

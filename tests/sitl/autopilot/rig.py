@@ -24,7 +24,7 @@ class Rig:
         options.setdefault("boot_s", 1.0)
         self.vehicle = Autopilot(personality, start or Pose(0.0, 0.0, 0.0, 0.0, 0.0), **options)
         self.t_s = 0.0
-        self.heard: deque[tuple[float, Message]] = deque(maxlen=200_000)
+        self.received: deque[tuple[float, Message]] = deque(maxlen=200_000)
         self._packed: set[str] = set()
         self._encoder = Encoder(self.vehicle.system_id)
         self._companion = m.MAVLink(None, self.vehicle.system_id, 191)
@@ -140,10 +140,10 @@ class Rig:
         self.run(0.5)
 
     def texts(self) -> list[str]:
-        return [message.text for _, message in self.heard if message.get_type() == "STATUSTEXT"]
+        return [message.text for _, message in self.received if message.get_type() == "STATUSTEXT"]
 
     def newest(self, name: str) -> Message:
-        return next(message for _, message in reversed(self.heard) if message.get_type() == name)
+        return next(message for _, message in reversed(self.received) if message.get_type() == name)
 
     def _kept(self, messages: list[Message]) -> list[Message]:
         for message in messages:
@@ -151,7 +151,7 @@ class Rig:
             if message.get_type() not in self._packed:
                 self._packed.add(message.get_type())
                 assert len(Decoder().messages(self._encoder.bytes(message))) == 1, "it did not survive its own bytes"
-        self.heard.extend((self.t_s, message) for message in messages)
+        self.received.extend((self.t_s, message) for message in messages)
         return messages
 
 

@@ -42,7 +42,7 @@ async def serving(**options: Any) -> AsyncIterator[tuple[Endpoint, socket.socket
             await asyncio.gather(task, return_exceptions=True)
 
 
-async def heard(listener: socket.socket, wanted: str) -> Message:
+async def receive(listener: socket.socket, wanted: str) -> Message:
     loop = asyncio.get_running_loop()
     while True:
         for message in Decoder().messages(await loop.sock_recv(listener, 4096)):
@@ -58,14 +58,14 @@ def packet(message: Message) -> bytes:
 async def test_udp_sends_telemetry_and_answers_whoever_talks() -> None:
     """The answer goes to who asked, and telemetry from then on too."""
     async with serving() as (endpoint, listener):
-        assert (await heard(listener, "HEARTBEAT")).get_srcSystem() == 1
+        assert (await receive(listener, "HEARTBEAT")).get_srcSystem() == 1
         stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         stranger.setblocking(False)
         with stranger:
             stranger.bind((LOOPBACK, 0))
             stranger.sendto(packet(command_long(31_999)), (LOOPBACK, endpoint.udp_port or 0))
-            assert (await heard(stranger, "COMMAND_ACK")).result == m.MAV_RESULT_UNSUPPORTED
-            await heard(stranger, "ATTITUDE")
+            assert (await receive(stranger, "COMMAND_ACK")).result == m.MAV_RESULT_UNSUPPORTED
+            await receive(stranger, "ATTITUDE")
 
 
 async def test_tcp_serves_the_same_and_survives_garbage() -> None:
@@ -96,7 +96,7 @@ async def test_garbage_and_oversized_datagrams_are_counted_and_make_no_peer() ->
             for data in (b"\xfd" * 40, b"", b"\x00" * 60_000, packet(command_long(31_999))[:-1]):
                 stranger.sendto(data, (LOOPBACK, endpoint.udp_port or 0))
             await asyncio.sleep(0.3)
-            await heard(listener, "HEARTBEAT")
+            await receive(listener, "HEARTBEAT")
             with pytest.raises(BlockingIOError):
                 stranger.recv(4096)
     # The truncated one, the oversized one, and that of start bytes alone; an empty one holds nothing bad.

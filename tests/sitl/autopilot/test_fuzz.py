@@ -167,7 +167,7 @@ def packed(number: int, crc_extra: int, payload: bytes) -> bytes:
 
 def finite_only(rig: Rig) -> None:
     """No NaN came out in any field that is one number, covariances apart."""
-    for _, message in rig.heard:
+    for _, message in rig.received:
         for name in message.get_fieldnames():
             value = getattr(message, name)
             if isinstance(value, float) and name not in ("approach_x", "approach_y", "approach_z", "param_value"):

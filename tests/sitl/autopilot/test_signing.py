@@ -45,8 +45,8 @@ async def answers(listener: socket.socket, ours: Signer, within_s: float) -> int
     return found
 
 
-async def test_all_that_is_said_is_signed_and_only_what_is_signed_is_heard() -> None:
-    """Unsigned, signed by another, and played again: counted, not answered; and none of it deafens it to us."""
+async def test_everything_sent_is_signed_and_only_what_is_signed_is_accepted() -> None:
+    """Unsigned, signed by another, and played again: counted, not answered; and none of it locks us out."""
     ours, stranger = Signer(KEY, 1, time.time), Signer(OTHER, 1, lambda: time.time() + 30.0)
     async with serving(signing=Signing(KEY)) as (endpoint, listener):
         to = (LOOPBACK, endpoint.udp_port or 0)
@@ -79,8 +79,8 @@ async def test_tcp_is_signed_too() -> None:
     assert endpoint.bad == 1
 
 
-@pytest.mark.parametrize(("key", "told"), [(None, "No such file"), (b"short", "holds no key")])
-def test_a_key_that_cannot_be_used_is_named(key: bytes | None, told: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("key", "message"), [(None, "No such file"), (b"short", "holds no key")])
+def test_a_key_that_cannot_be_used_is_named(key: bytes | None, message: str, tmp_path: Path) -> None:
     """Before anything listens without it."""
     path = tmp_path / "key"
     if key is not None:
@@ -91,7 +91,7 @@ def test_a_key_that_cannot_be_used_is_named(key: bytes | None, told: str, tmp_pa
     result = CliRunner().invoke(app, ["--signing-key", str(path)])
     assert isinstance(result.exception, InputError)
     assert "--signing-key" in str(result.exception)
-    assert told in str(result.exception)
+    assert message in str(result.exception)
 
 
 def test_the_command_signs_with_the_key_of_the_file(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What is around the vehicle: obstacles that it is told of, ground that it stands on, walls that it hits."""
+"""What is around the vehicle: obstacles that are reported to it, ground that it stands on, walls that it hits."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def test_in_a_mine_it_stands_on_the_floor_and_ends_at_the_wall() -> None:
 
 def test_ardupilot_tells_a_distance_only_with_a_rangefinder_set_up() -> None:
     """RNGFND1_TYPE 10 takes DISTANCE_SENSOR; 0 is no rangefinder."""
-    for kind, told in ((0, False), (10, True)):
+    for kind, sent in ((0, False), (10, True)):
         rig = Rig(ARDUPILOT, parameters={"RNGFND1_TYPE": kind})
         assert rig.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, 132, 100_000) == 0
-        assert any(x.get_type() == "DISTANCE_SENSOR" for x in rig.run(0.5)) is told
+        assert any(x.get_type() == "DISTANCE_SENSOR" for x in rig.run(0.5)) is sent

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +18,9 @@ from sitl.mines import World, load_world
 from sitl.scene.raycast import RayCaster
 from sitl.scene.render import DepthRenderer
 
-SHARED = Path(__file__).parents[3].parent / "shared" / "worlds"
+WORLDS = Path(os.environ.get("BENCH_WORLDS", "worlds"))
+"""Scanned mines, which are not part of the project."""
+
 MESHES = ("darpa_cave_01", "edgar_mine", "koutzi_mine_kum", "subt_tunnel_practice_1")
 
 SIDE_PX = 0.02
@@ -104,9 +107,10 @@ def test_depths_are_those_of_rays_through_the_pixels(spec: str) -> None:
 @pytest.mark.parametrize("name", MESHES)
 def test_depths_agree_in_meshes_that_were_not_made_for_this(name: str) -> None:
     """Meshes with holes, slivers, doubled walls, triangles of any size, and coordinates of hundreds of metres."""
-    if not (SHARED / f"{name}.ply").is_file():
-        pytest.skip(f"{SHARED / name}.ply is not here")
-    world, caster = scene(str(SHARED / f"{name}.ply"))
+    mesh = WORLDS / f"{name}.ply"
+    if not mesh.is_file():
+        pytest.skip(f"{mesh} is not here: set BENCH_WORLDS")
+    world, caster = scene(str(mesh))
     renderer = DepthRenderer(world, CAMERA)
     looks = poses(world, 10, seed=2)
     results = np.array([compare(caster, CAMERA, pose, renderer.render(pose)) for pose in looks])

@@ -302,14 +302,14 @@ class TestNoise:
     def test_the_same_seed_sees_the_same(self) -> None:
         """Protects the repeatability of runs, and shows that the seed matters."""
 
-        def told(seed: int) -> list[tuple[Pose, tuple[object, ...], bytes]]:
+        def readings(seed: int) -> list[tuple[Pose, tuple[object, ...], bytes]]:
             return [
                 (s.pose, s.ranges, b"" if s.frame is None else s.frame.depth_m.tobytes())
                 for s in observe(rig(NoiseSettings(), seed=seed), 20)
             ]
 
-        assert told(3) == told(3)
-        assert all(a != b for a, b in zip(told(3), told(4), strict=True))
+        assert readings(3) == readings(3)
+        assert all(a != b for a, b in zip(readings(3), readings(4), strict=True))
 
 
 class TestPoseEstimate:

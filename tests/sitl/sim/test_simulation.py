@@ -183,19 +183,19 @@ class TestEnd:
 
 
 class TestProgress:
-    """What is told on the way."""
+    """What is shown on the way."""
 
     def test_every_five_seconds_someone_is_told(self) -> None:
         """Protects the display: time, share and the flights, at the start and at every look."""
-        told: list[Progress] = []
+        shown: list[Progress] = []
         watched = Simulation(room(), SETTINGS, 1)
-        watched.run(LIMIT_S, told.append)
-        assert [progress.t_s for progress in told] == pytest.approx(
+        watched.run(LIMIT_S, shown.append)
+        assert [progress.t_s for progress in shown] == pytest.approx(
             np.arange(0.0, LIMIT_S, CHECK_PERIOD_S), abs=PERIOD_S
         )
-        assert told[0].completeness == 0.0
-        assert told[-1].completeness > 0.0
-        assert all(progress.flights == watched.flights for progress in told)
+        assert shown[0].completeness == 0.0
+        assert shown[-1].completeness > 0.0
+        assert all(progress.flights == watched.flights for progress in shown)
 
     def test_the_curve_of_the_completeness_begins_with_nothing_and_ends_with_the_end(self, mission: Simulation) -> None:
         """Protects the report's curve."""
@@ -234,29 +234,29 @@ class TestScore:
         score = mission.score()
         (flight,) = mission.flights
         every = round(SCORED_PERIOD_S / PERIOD_S)
-        told = flight.log.column("true_d_m")
-        assert np.isfinite(told[::every]).all()
-        assert np.isnan(np.delete(told, np.s_[::every])).all()
+        recorded = flight.log.column("true_d_m")
+        assert np.isfinite(recorded[::every]).all()
+        assert np.isnan(np.delete(recorded, np.s_[::every])).all()
         x, y, _ = flight.log.positions_m[::every].T
         walls = np.minimum.reduce(
             [x, 10.0 - x, y, np.where(x < 6.4, 3.6 - y, 7.0 - y), np.where(y > 3.6, x - 6.4, np.inf)]
         )
         true = np.minimum(walls, np.hypot(6.4 - x, 3.6 - y))
         # Rays are float32.
-        assert (told[::every] >= true - 1e-5).all()
+        assert (recorded[::every] >= true - 1e-5).all()
         at_wall = walls == true
-        assert (told[::every][at_wall] <= true[at_wall] / math.cos(math.radians(2.5)) + 1e-5).all()
+        assert (recorded[::every][at_wall] <= true[at_wall] / math.cos(math.radians(2.5)) + 1e-5).all()
         assert at_wall.any()
-        assert score["least_d_m"] == pytest.approx(float(np.nanmin(told)), abs=5e-4)
+        assert score["least_d_m"] == pytest.approx(float(np.nanmin(recorded)), abs=5e-4)
 
     def test_the_share_of_time_below_the_margin_is_that_of_the_log(self, crash: Simulation) -> None:
         """Protects time_below_d_s_fraction, on a flight which certainly came too near."""
         score = crash.score()
-        told = crash.flights[0].log.column("true_d_m")
-        told = told[np.isfinite(told)]
+        recorded = crash.flights[0].log.column("true_d_m")
+        recorded = recorded[np.isfinite(recorded)]
         margin_m = RECKLESS.control.margin_m
-        assert score["time_below_d_s_fraction"] == pytest.approx(np.mean(told < margin_m), abs=5e-6)
-        assert np.mean(told < margin_m) > 0.0
+        assert score["time_below_d_s_fraction"] == pytest.approx(np.mean(recorded < margin_m), abs=5e-6)
+        assert np.mean(recorded < margin_m) > 0.0
 
     def test_the_path_is_the_sum_of_the_steps(self, mission: Simulation) -> None:
         """Protects path_length_m; what is missing in the log is the way of the last tick."""

@@ -90,14 +90,14 @@ def test_an_origin_is_told_until_it_is_answered() -> None:
     talk = Talk(set_origin=True)
     talk.reader.on_message(hil((0.0, 0.0, 0.0)), 100.0)
     talk.go_on(7)
-    told = talk.tap.named("SET_GPS_GLOBAL_ORIGIN")
-    assert len(told) >= 2
-    assert told[0].latitude == pytest.approx(LAT_DEG * 1e7, abs=2)
-    assert told[0].altitude == pytest.approx(ALT_M * 1e3, abs=2)
-    assert told[0].target_system == 1
+    origins = talk.tap.named("SET_GPS_GLOBAL_ORIGIN")
+    assert len(origins) >= 2
+    assert origins[0].latitude == pytest.approx(LAT_DEG * 1e7, abs=2)
+    assert origins[0].altitude == pytest.approx(ALT_M * 1e3, abs=2)
+    assert origins[0].target_system == 1
     talk.handshake.on_message(mavlink.MAVLink_gps_global_origin_message(1, 2, 3, 0), talk.now_s)
     talk.go_on(10)
-    assert len(talk.tap.named("SET_GPS_GLOBAL_ORIGIN")) == len(told)
+    assert len(talk.tap.named("SET_GPS_GLOBAL_ORIGIN")) == len(origins)
 
 
 def test_an_autopilot_that_never_answers_is_not_told_for_ever(caplog: pytest.LogCaptureFixture) -> None:

@@ -57,24 +57,24 @@ def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
 
 
 class FakeAutopilot(asyncio.DatagramProtocol):
-    """Sends heartbeats and HIL_STATE_QUATERNION at 50 Hz, and keeps what it is told."""
+    """Sends heartbeats and HIL_STATE_QUATERNION at 50 Hz, and keeps what it receives."""
 
     def __init__(self, system_id: int = 1) -> None:
         self.ahead_m = 0.0
         self.up_m = 0.0
-        self.told: list[Any] = []
+        self.received: list[Any] = []
         self._sender = mavlink.MAVLink(None, system_id, 1)
         self._reader = mavlink.MAVLink(None)
         self.silent = False
 
     def datagram_received(self, data: bytes, addr: Any) -> None:  # noqa: ARG002 - asyncio's
-        self.told.append(self._reader.decode(bytearray(data)))
+        self.received.append(self._reader.decode(bytearray(data)))
 
     def error_received(self, exc: Exception) -> None:
         """The world is not there yet."""
 
     def names(self) -> set[str]:
-        return {message.get_type() for message in self.told}
+        return {message.get_type() for message in self.received}
 
     async def run(self, port: int) -> None:
         loop = asyncio.get_running_loop()
@@ -174,7 +174,7 @@ async def test_what_the_vehicle_sees_is_what_stands_before_it(scene: Scene, tmp_
         assert ranges[Beam.LEFT] == pytest.approx(5.0, abs=0.05)
         wanted = {"ODOMETRY", "DISTANCE_SENSOR", "OBSTACLE_DISTANCE", "HEARTBEAT", "SET_GPS_GLOBAL_ORIGIN"}
         await stage.until(lambda: wanted <= stage.autopilot.names())
-        odometry = [m for m in stage.autopilot.told if m.get_type() == "ODOMETRY"][-1]
+        odometry = [m for m in stage.autopilot.received if m.get_type() == "ODOMETRY"][-1]
         assert (odometry.x, odometry.y, odometry.z) == pytest.approx((1.0, 0.0, -1.35), abs=0.05)
         signal.raise_signal(signal.SIGTERM)
 
@@ -220,7 +220,7 @@ async def test_another_vehicle_on_the_port_moves_nothing(scene: Scene, tmp_path:
     await stage.play(act)
     score = json.loads((tmp_path / "score.json").read_text())
     assert (score["ended_because"], score["contacts"], score["path_length_m"]) == ("done", 0, 0.0)
-    assert other.told == []
+    assert other.received == []
 
 
 async def test_a_silent_simulator_is_a_silent_world(scene: Scene) -> None:
@@ -257,7 +257,7 @@ def test_ports_that_are_taken_are_the_users_mistake(capsys: pytest.CaptureFixtur
 
 
 async def test_the_camera_of_the_stream_is_that_of_the_settings(scene: Scene) -> None:
-    """What is rendered and what the client is told must be one camera."""
+    """What is rendered and what the client is sent must be one camera."""
     stage = Stage(scene)
 
     async def act(stage: Stage) -> None:

@@ -132,7 +132,7 @@ def test_what_makes_no_sense_is_counted_and_does_not_become_the_start(message: A
     assert reader.origin is None
 
 
-def test_auto_stays_with_the_first_that_speaks() -> None:
+def test_auto_stays_with_the_first_that_comes() -> None:
     """Two truths of one vehicle differ by the autopilots' radii: mixed, the vehicle would jump to and fro."""
     reader = TruthReader(TruthKind.AUTO)
     assert reader.on_message(sim((0, 0, 0)), 100.0) is not None

@@ -214,5 +214,5 @@ def test_it_speaks_as_the_autopilot_or_as_a_stranger() -> None:
         assert link.came_from != known
         assert link.came_from is not None
         link.answer_to(link.came_from)
-        link.wait_for(lambda: link.relay.stranger_heard == 1)
+        link.wait_for(lambda: link.relay.stranger_received == 1)
         link.relay.speak_down(None)
