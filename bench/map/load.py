@@ -123,7 +123,7 @@ def flight(which: str, number: int, arguments: Namespace, folder: Path) -> Row:
         with crew, _application(crew, which, folder) as gate, _before_all_others():
             _wait_for(folder / "gate.log", gate, "\nexploring")
             time.sleep(SETTLE_S)
-            pids = {"gate": gate.pid, "application": _child(gate.pid, "flight_process", "map_load_child")}
+            pids = {"gate": gate.pid, "application": _child(gate.pid, "companion.flight", "bench.map.load_child")}
             pids["world"], pids["autopilot"] = (
                 _child(os.getpid(), "sitl\0world"),
                 _child(os.getpid(), "sitl\0autopilot"),
