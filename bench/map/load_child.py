@@ -19,9 +19,9 @@ import numpy as np
 from companion.flight import __main__ as flight_process
 from companion.flight import mission as app
 from companion.flight.tasks import background
-from companion.mapping.process.client import MapWorker
-from companion.mapping.process.start import MAP_NICENESS, ignore_ctrl_c
-from companion.mapping.process.status import MapStatus
+from companion.mapping.process.client import MapClient
+from companion.mapping.process.messages import MapStatus
+from companion.mapping.process.supervisor import MAP_NICENESS, ignore_ctrl_c
 from companion.model import DepthFrame
 
 FEED_PERIOD_S, FEED_TURN_RAD = 0.005, 0.3
@@ -29,7 +29,7 @@ OFFERS, MAP = "BENCH_MAP_LOAD_OFFERS", "BENCH_MAP_LOAD_MAP"
 """In the environment of the application."""
 
 
-class OfferedMap(MapWorker):
+class OfferedMap(MapClient):
     """The map of the application as it is, with a stopwatch on `offer`."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
@@ -149,7 +149,7 @@ MAPS = {"off": NoMap, "busy": BusyMap, "camera": OfferedMap, "full": FullMap}
 
 def fly() -> int:
     """Be the application, with the map that the environment names."""
-    setattr(app, "MapWorker", MAPS[os.environ[MAP]])  # noqa: B010 - a plain assignment is none that types allow
+    setattr(app, "MapClient", MAPS[os.environ[MAP]])  # noqa: B010 - a plain assignment is none that types allow
     return flight_process.main(sys.argv[1:])
 
 

@@ -16,7 +16,7 @@ from companion.flight.session import Session
 from companion.flight.tasks import background
 from companion.flight.termination import Ending, Standing, ending
 from companion.gate.protocol import Phase
-from companion.mapping.process.client import MapWorker
+from companion.mapping.process.client import MapClient
 from companion.mavlink.modes import mode_name, personality
 
 
@@ -33,7 +33,7 @@ class InTheAir:
         orders: Orders,
         vehicle: Vehicle,
         pilot: Pilot,
-        mapper: MapWorker,
+        mapper: MapClient,
         announcements: Announcements,
     ) -> None:
         self.explored_s = 0.0

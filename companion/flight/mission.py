@@ -32,8 +32,8 @@ from companion.flight.session import Session, open_session
 from companion.flight.tasks import background
 from companion.flight.termination import Ending
 from companion.flight.warm_up import warm_up
-from companion.mapping.process.client import MapWorker, check_folder
-from companion.mapping.process.status import MapError
+from companion.mapping.process.client import MapClient, check_folder
+from companion.mapping.process.messages import MapError
 from companion.pipeline import Explorer
 from companion.recording import FlightInfo, Recorder
 from companion.recording.content import ENDED
@@ -172,9 +172,9 @@ class _Flight:
             raise broke_off
         return summary
 
-    def _mapper(self, folder: Path) -> MapWorker:
+    def _mapper(self, folder: Path) -> MapClient:
         settings = self._settings
-        return MapWorker(
+        return MapClient(
             settings.mapping,
             (settings.sensors.camera.model(),),
             settings.control,
@@ -185,7 +185,7 @@ class _Flight:
             clock=self._session.clock,
         )
 
-    async def _save(self, mapper: MapWorker) -> tuple[list[Path], str | None]:
+    async def _save(self, mapper: MapClient) -> tuple[list[Path], str | None]:
         """The files of the map, or why there are none: a full disk must not end what comes after a flight."""
         self._say("writing the map")
         try:
@@ -211,7 +211,7 @@ class _Flight:
             announcements.checks(results)
         return results
 
-    def _summary(self, why: str, results: list[CheckResult], mapper: MapWorker, recorder: Recorder) -> dict[str, Any]:
+    def _summary(self, why: str, results: list[CheckResult], mapper: MapClient, recorder: Recorder) -> dict[str, Any]:
         session, status = self._session, mapper.status
         return {
             "preset": self._options.preset,

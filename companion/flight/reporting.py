@@ -11,7 +11,7 @@ from companion.control.navigator import Navigator
 from companion.flight.control_loop import TickRecord
 from companion.flight.preflight import CheckResult
 from companion.flight.termination import Ending
-from companion.mapping.process.client import MapWorker
+from companion.mapping.process.client import MapClient
 from companion.mavlink.ids import MavSeverity, MavState
 from companion.model import Mode
 from companion.recording import Recorder, Tick
@@ -37,7 +37,7 @@ _MEANING = {
 class MapFeed:
     """Gives every depth image and every planar scan to the map."""
 
-    def __init__(self, mapper: MapWorker) -> None:
+    def __init__(self, mapper: MapClient) -> None:
         self._mapper = mapper
 
     def __call__(self, tick: TickRecord) -> None:
@@ -87,7 +87,7 @@ class Announcements:
     """
 
     def __init__(
-        self, announcer: Announcer, telemetry: Telemetry, mapper: MapWorker, recorder: Recorder, say: Say
+        self, announcer: Announcer, telemetry: Telemetry, mapper: MapClient, recorder: Recorder, say: Say
     ) -> None:
         self._announcer = announcer
         self._telemetry = telemetry

@@ -15,8 +15,8 @@ from companion.flight.control_loop import TickRecord
 from companion.flight.preflight import CheckResult
 from companion.flight.reporting import Announcements, MapFeed
 from companion.flight.termination import Ending
-from companion.mapping.process.client import MapWorker
-from companion.mapping.process.status import MapStatus
+from companion.mapping.process.client import MapClient
+from companion.mapping.process.messages import MapStatus
 from companion.model import DepthFrame, Input, Mode, Observation, PlanarScan, Pose, Setpoint
 from companion.recording import Recorder
 from companion.recording.content import ENDED, ENGAGED
@@ -81,7 +81,7 @@ class Stand:
         self.announcements = Announcements(
             self.announcer,
             self.telemetry,
-            cast("MapWorker", self.mapper),
+            cast("MapClient", self.mapper),
             cast("Recorder", self.notes),
             self.said.append,
         )
@@ -196,7 +196,7 @@ def test_the_map_gets_every_image_and_every_scan(with_frame: bool, with_scan: bo
     frame = DepthFrame(1.0, np.full((CAMERA.height_px, CAMERA.width_px), 2.0, np.float32), CAMERA, POSE)
     scan = PlanarScan(1.0, np.array([0.0, 0.1]), np.array([2.0, 2.0]), 10.0, POSE)
     seen = Observation(1.0, POSE, frame if with_frame else None, planar=scan if with_scan else None)
-    feed = MapFeed(cast("MapWorker", mapper))
+    feed = MapFeed(cast("MapClient", mapper))
     feed(TickRecord(1.0, seen, None, Mode.HOLD, None, False, False, (), 0.0))
     feed(TickRecord(1.0, None, None, Mode.HOLD, None, False, False, (Input.POSE,), 0.0))
     assert mapper.offered == ([frame] if with_frame else [])

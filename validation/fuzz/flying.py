@@ -25,7 +25,7 @@ from companion.flight.control_loop import Pilot, TickRecord
 from companion.flight.operator_commands import Orders
 from companion.flight.rate import Pace
 from companion.flight.reporting import Announcements
-from companion.mapping.process.client import MapWorker
+from companion.mapping.process.client import MapClient
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavCmd
 from companion.mavlink.modes import personality, px4_mode
@@ -93,7 +93,7 @@ class Flying:
         self.announcements = Announcements(
             self.announcer,
             self.telemetry,
-            cast("MapWorker", SimpleNamespace(status=SimpleNamespace(completeness=0.5, frontiers=3, problem=""))),
+            cast("MapClient", SimpleNamespace(status=SimpleNamespace(completeness=0.5, frontiers=3, problem=""))),
             cast("Recorder", SimpleNamespace(event=lambda _name, text, *_: text.encode())),
             self._say,
         )

@@ -206,8 +206,12 @@ class PagedMap:
             states[unsaid[here]] = states_of(piece.values, self.threshold)[row, places[here]]
         return states
 
-    def flush(self) -> Flushed:
+    def flush(self, *, wait: bool = True) -> Flushed:
         """Write what has changed since the last time, make it safe, and tidy the journal up a little.
+
+        Args:
+            wait: until it is safe; without it `Journal.begin_commit` has a thread do that, and what was written
+                survives this process only until the journal's `commit`.
 
         Raises:
             OSError: the disk is full or broken. The map goes on, and the next flush tries again.
@@ -221,9 +225,12 @@ class PagedMap:
         for first in range(0, len(chunks), MOST_CHUNKS):
             self._journal.append(self._voxels.piece(chunks[first : first + MOST_CHUNKS]))
         written_bytes = self._journal.bytes_on_disk - before_bytes
-        self._journal.commit()
+        if wait:
+            self._journal.commit()
         self._rows.column(_SAVED)[rows] = self._rows.column(_CHANGED)[rows]
         self._journal.compact_step(COMPACT_S)
+        if not wait:
+            self._journal.begin_commit()
         return Flushed(len(chunks), written_bytes)
 
     def trim(self) -> int:

@@ -84,19 +84,20 @@ class Segment:
         self.end += len(data)
 
     def sync(self) -> None:
-        """Give everything written to the disk.
+        """Give everything written to the disk; also in a thread, while more is written.
 
         Raises:
             OSError: the segment is in doubt now, and full.
         """
-        if self.safe_end == self.end:
+        end = self.end
+        if self.safe_end == end:
             return
         try:
             os.fsync(self._descriptor)
         except OSError:
             self.full = self.in_doubt = True
             raise
-        self.safe_end = self.end
+        self.safe_end = end
 
     def read(self, offset: int, size_bytes: int) -> bytes:
         """Some bytes, fewer at the end of the file; nothing where the disk cannot be read."""

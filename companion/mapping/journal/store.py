@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -66,6 +67,8 @@ class Journal:
         self._segment_bytes = segment_bytes
         self._front = prologue(header)
         self._new_files = True
+        self._thread = ThreadPoolExecutor(1, "journal")
+        self._sync: Future[None] | None = None
         self._closed = False
 
     @classmethod
@@ -218,21 +221,33 @@ class Journal:
         """
         if self._lock is None:
             raise _reads_only(self.folder)
+        self._wait_for_sync()
+        self._rewrite_doubtful()
         segments = self._contents.segments
-        for segment in [one for one in segments.values() if one.in_doubt]:
-            # After a failed sync the system may have thrown away what it could not write: write it once more.
-            self._copy(self._contents.keys_in(segment, segment.safe_end))
-            segment.in_doubt = False
-        for segment in segments.values():
-            segment.sync()
-        if self._new_files:
-            _sync_folder(self.folder)
-            self._new_files = False
+        self._sync_files(list(segments.values()))
         newest = max(segments, default=0)
         for segment in [one for one in segments.values() if one.live_bytes == 0 and not one.damaged]:
             if segment.number != newest:
                 del segments[segment.number]
                 segment.remove()
+
+    def begin_commit(self) -> None:
+        """Have a thread give the disk what was appended so far: however long an SD card takes, images do not wait.
+
+        The journal may be used meanwhile. The `commit` that has to follow finds little left to do once `is_syncing` is
+        false, and raises what the disk had against it.
+
+        Raises:
+            OSError: of the last one that nobody asked for; or the disk takes nothing.
+        """
+        self._wait_for_sync()
+        self._rewrite_doubtful()
+        self._sync = self._thread.submit(self._sync_files, list(self._contents.segments.values()))
+
+    @property
+    def is_syncing(self) -> bool:
+        """Whether the thread of `begin_commit` is still at work."""
+        return self._sync is not None and not self._sync.done()
 
     def read(self, chunks: NDArray[np.int32]) -> MapPiece:
         """Those among ``chunks`` (n, 3) that it has, in any order. One that is damaged is a loss, and not given."""
@@ -288,6 +303,7 @@ class Journal:
             if self._lock is not None:
                 self.commit()
         finally:
+            self._thread.shutdown()
             for segment in self._contents.segments.values():
                 segment.close()
             if self._lock is not None:
@@ -305,6 +321,30 @@ class Journal:
         self._new_files = True
         segments[made.number] = made
         return made
+
+    def _wait_for_sync(self) -> None:
+        sync, self._sync = self._sync, None
+        if sync is not None:
+            sync.result()
+
+    def _rewrite_doubtful(self) -> None:
+        """Write once more what a failed sync left in doubt: the system may have thrown it away."""
+        for segment in [one for one in self._contents.segments.values() if one.in_doubt]:
+            self._copy(self._contents.keys_in(segment, segment.safe_end))
+            segment.in_doubt = False
+
+    def _sync_files(self, segments: list[Segment]) -> None:
+        """Give what was written to the disk; also in the thread, while more is appended."""
+        for segment in segments:
+            segment.sync()
+        # Files that are made from here on ask for it again.
+        if self._new_files:
+            self._new_files = False
+            try:
+                _sync_folder(self.folder)
+            except OSError:
+                self._new_files = True
+                raise
 
     def _write(self, keys: NDArray[np.int64], data: bytes, sizes: NDArray[np.int64]) -> None:
         segment = self._active()

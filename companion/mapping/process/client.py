@@ -1,4 +1,4 @@
-"""The map in a process of its own, so that it never holds up the control tick.
+"""The application's end of the map in a process of its own, so that it never holds up the control tick.
 
 Readings go over through shared memory, everything else through a pipe that is read when there is something in it: no
 call here waits for the map. When the map is slower than the sensors, readings are dropped and counted.
@@ -9,12 +9,14 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 
@@ -29,18 +31,17 @@ from companion.mapping.process.messages import (
     FromMap,
     Keep,
     Kept,
+    MapError,
+    MapStatus,
     Offered,
     OfferedFrame,
     OfferedScan,
     Ready,
-    Report,
     Taken,
     ToMap,
 )
 from companion.mapping.process.slots import SlotRing
-from companion.mapping.process.status import MapError, MapStatus
-from companion.mapping.process.supervisor import MapProcess
-from companion.mapping.process.tally import Tally
+from companion.mapping.process.supervisor import MapSupervisor
 from companion.model import MOST_RAYS, Camera, DepthFrame, PlanarScan
 
 STALE_S = 5.0
@@ -48,16 +49,60 @@ STALE_S = 5.0
 
 MOST_CAMERAS = 8
 
+Kind = Literal["frames", "scans"]
+
 _log = logging.getLogger(__name__)
 
 
-class MapWorker:
+class Tally:
+    """Counts over all processes of one map: each offer ends as in the map, dropped, refused or lost.
+
+    Attributes:
+        dropped: there was no room, or the process that had it died before it looked at it.
+        refused: cannot be used.
+        lost: were in the map of a process that died before they were on the disk.
+    """
+
+    def __init__(self) -> None:
+        self.dropped = self.refused = self.lost = 0
+        self._safe: Counter[Kind] = Counter()  # of processes that are gone
+        self._used: Counter[Kind] = Counter()  # of this process
+        self._kept: Counter[Kind] = Counter()  # of these, on the disk
+
+    def used(self, kind: Kind) -> None:
+        """One more is in the map."""
+        self._used[kind] += 1
+
+    def kept(self, frames: int, scans: int) -> None:
+        """So many of what this process took are on the disk."""
+        self._kept = Counter[Kind]({"frames": frames, "scans": scans})
+
+    def died(self, waiting: int) -> int:
+        """The process is gone with what was not on the disk, and with ``waiting`` that it had not looked at.
+
+        Returns:
+            How many are lost with it.
+        """
+        lost = self._used.total() - self._kept.total()
+        self.lost += lost
+        self.dropped += waiting
+        self._safe += self._kept
+        self._used.clear()
+        self._kept.clear()
+        return lost
+
+    def in_map(self, kind: Kind) -> int:
+        """How many are in the map."""
+        return self._safe[kind] + self._used[kind]
+
+
+class MapClient:
     """A map in another process; an asynchronous context manager.
 
     With a folder, the map is kept in ``map.journal`` there. When the process dies (killed, out of memory) it is started
-    again, `child.RESTARTS` times at most, **and goes on with what the journal holds**: all but the last second, which
-    `MapStatus.lost` counts. Without a folder it begins anew, empty. A process that hangs is not replaced: the age of
-    its status grows. It ignores Ctrl-C and ends when the application does, however that ends.
+    again, `supervisor.RESTARTS` times at most, **and goes on with what the journal holds**: all but the last second,
+    which `MapStatus.lost` counts. Without a folder it begins anew, empty. A process that hangs is not replaced: the age
+    of its status grows. It ignores Ctrl-C and ends when the application does, however that ends.
 
     Args:
         settings: of the map.
@@ -95,11 +140,11 @@ class MapWorker:
         self._rings = (*rings, SlotRing(self._context, (2, MOST_RAYS), np.float64))
         journal = None if folder is None else folder / JOURNAL_NAME
         arguments = (self._rings, settings, self._cameras, self._reach, journal)
-        self._child = MapProcess(self._context, _serve, arguments, self._take, self._died)
+        self._supervisor = MapSupervisor(self._context, _serve, arguments, self._on_message, self._on_death)
         self._saving = asyncio.Lock()
         self._keeps = 0
         self._kept: asyncio.Future[Kept] | None = None
-        self._report = Report()
+        self._reported = MapStatus()
         self._tally = Tally()
         self._heard_s = -math.inf
         self._resumed_chunks = 0
@@ -112,41 +157,34 @@ class MapWorker:
             InputError: `check_folder`.
         """
         check_folder(self._folder, self._resume)
-        await self._child.begin()
+        await self._supervisor.begin()
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         """End the process. What it knows is in the journal then."""
-        await self._child.close()
+        await self._supervisor.close()
 
     @property
     def status(self) -> MapStatus:
         """How the map stands, as it last said. Costs nothing."""
-        report, tally = self._report, self._tally
+        reported, tally = self._reported, self._tally
         age_s = self._clock.now_s() - self._heard_s
-        alive = self._child.is_ready
-        return MapStatus(
+        alive = self._supervisor.is_ready
+        return replace(
+            reported,
             frames=tally.in_map("frames"),
+            scans=tally.in_map("scans"),
             dropped=tally.dropped,
             refused=tally.refused,
-            occupied=report.occupied,
-            completeness=report.completeness,
-            complete=report.complete and alive and age_s <= STALE_S,
-            frontiers=report.frontiers,
-            survey_s=report.survey_s,
+            lost=tally.lost,
             age_s=age_s,
             alive=alive,
-            restarts=self._child.restarts,
-            scans=tally.in_map("scans"),
-            lost=tally.lost,
+            restarts=self._supervisor.restarts,
             resumed_chunks=self._resumed_chunks,
-            frame_ms=report.frame_ms,
-            chunks=report.chunks,
-            memory_bytes=report.memory_bytes,
-            journal_bytes=report.journal_bytes,
-            problem=report.problem if alive else self._child.why or "the process of the map does not run",
+            complete=reported.complete and alive and age_s <= STALE_S,
+            problem=reported.problem if alive else self._supervisor.why or "the process of the map does not run",
         )
 
     def offer(self, frame: DepthFrame, source: int = 0) -> bool:
@@ -206,7 +244,7 @@ class MapWorker:
         self._keeps += 1
         self._kept = asyncio.get_running_loop().create_future()
         try:
-            if not self._child.is_ready or not self._child.tell(Keep(self._keeps)):
+            if not self._supervisor.is_ready or not self._supervisor.send(Keep(self._keeps)):
                 _log.error("the process of the map does not run: what it kept before is written")
                 return
             kept = await asyncio.wait_for(self._kept, SAVE_TIMEOUT_S)
@@ -219,18 +257,18 @@ class MapWorker:
 
     def _slot(self, source: int) -> int | None:
         """Room for a reading, or None, which is counted."""
-        slot = self._rings[source].take() if self._child.is_ready else None
+        slot = self._rings[source].take() if self._supervisor.is_ready else None
         self._tally.dropped += slot is None
         return slot
 
     def _offer(self, offered: Offered) -> bool:
-        told = self._child.tell(offered)
-        if not told:
+        sent = self._supervisor.send(offered)
+        if not sent:
             self._tally.dropped += 1
             self._rings[offered.source].give_back(offered.slot)
-        return told
+        return sent
 
-    def _take(self, message: FromMap) -> None:
+    def _on_message(self, message: FromMap) -> None:
         self._heard_s = self._clock.now_s()
         match message:
             case Taken(source, slot, used):
@@ -239,29 +277,29 @@ class MapWorker:
                     self._tally.used("frames" if source < len(self._cameras) else "scans")
                 else:
                     self._tally.refused += 1
-            case Report():
-                self._hear_report(message)
+            case MapStatus():
+                self._on_status(message)
             case Kept():
                 if self._kept is not None and not self._kept.done() and message.number == self._keeps:
                     self._kept.set_result(message)
             case Ready(resumed_chunks):
                 self._resumed_chunks = resumed_chunks
 
-    def _hear_report(self, report: Report) -> None:
-        if report.problem != self._report.problem:
-            if report.problem:
-                _log.error("the map: %s; the flight goes on", report.problem)
+    def _on_status(self, status: MapStatus) -> None:
+        if status.problem != self._reported.problem:
+            if status.problem:
+                _log.error("the map: %s; the flight goes on", status.problem)
             else:
                 _log.warning("the map: it is kept on the disk again")
-        self._report = report
-        self._tally.kept(report.kept_frames, report.kept_scans)
+        self._reported = status
+        self._tally.kept(status.kept_frames, status.kept_scans)
 
-    def _died(self) -> int:
+    def _on_death(self) -> int:
         """Forget what only the process had; how many readings are lost with it."""
         lost = self._tally.died(sum(ring.in_use for ring in self._rings))
         for ring in self._rings:
             ring.give_back_all()
-        self._report = Report(problem=self._report.problem)
+        self._reported = MapStatus(problem=self._reported.problem)
         if self._kept is not None and not self._kept.done():
             self._kept.set_exception(MapError("the process of the map died before the map was kept"))
         return lost
@@ -296,4 +334,4 @@ def _serve(
     serve(pipe, rings, settings, cameras, reach, journal)
 
 
-__all__ = ["MapError", "MapStatus", "MapWorker", "check_folder"]
+__all__ = ["MapClient", "MapError", "MapStatus", "check_folder"]

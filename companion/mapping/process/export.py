@@ -14,8 +14,8 @@ from pathlib import Path
 
 from companion.errors import CompanionError
 from companion.mapping.journal import JOURNAL_NAME, Journal
-from companion.mapping.process.start import FILES_NICENESS, ignore_ctrl_c, start
-from companion.mapping.process.status import MapError
+from companion.mapping.process.messages import MapError
+from companion.mapping.process.supervisor import FILES_NICENESS, ignore_ctrl_c, start
 
 SAVE_TIMEOUT_S = 600.0
 """A large map on a slow card takes minutes; one that hangs must not keep the application for ever."""
@@ -33,14 +33,14 @@ async def write_files(context: SpawnContext, folder: Path) -> list[Path]:
     ours, theirs = context.Pipe(duplex=False)
     process = context.Process(target=_serve, args=(theirs, folder), name="map-files", daemon=True)
     loop = asyncio.get_running_loop()
-    heard = asyncio.Event()
+    answered = asyncio.Event()
     try:
         try:
             await asyncio.to_thread(start, process)
         finally:
             theirs.close()
-        loop.add_reader(ours.fileno(), heard.set)
-        await asyncio.wait_for(heard.wait(), SAVE_TIMEOUT_S)
+        loop.add_reader(ours.fileno(), answered.set)
+        await asyncio.wait_for(answered.wait(), SAVE_TIMEOUT_S)
         written: Written = ours.recv()
     except TimeoutError:
         raise MapError(f"the map was not written to {folder} in {SAVE_TIMEOUT_S:g} s; its journal is whole") from None

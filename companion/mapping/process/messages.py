@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+from companion.errors import CompanionError
 from companion.model import Camera, Pose
+
+
+class MapError(CompanionError):
+    """The map could not be started, resumed or written."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,12 +83,32 @@ class Taken:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
-    """From the map, several times a second: how it stands. The fields are those of `MapStatus`.
+class MapStatus:
+    """From the map, several times a second: how it stands. `MapClient.status` adds what only the application knows.
 
     Attributes:
-        kept_frames: how many images are on the disk, of those that this process took.
+        kept_frames: images on the disk, of those that this process took.
         kept_scans: the same of scans.
+        occupied: occupied voxels.
+        completeness: an estimate from 0 to 1 of how much of the map is there (`Survey.completeness`).
+        complete: no frontier is left (`Judge.complete`).
+        frontiers: how many are left.
+        survey_s: how long the last look for frontiers took.
+        frame_ms: what one image takes, the median of the last ones.
+        chunks: chunks of the map, in memory and on the disk.
+        memory_bytes: what the map takes in memory.
+        journal_bytes: what it takes on the disk.
+        problem: what is wrong with the map, in words for the operator; empty when nothing is.
+        frames: images in the map that this flight put there; from here on known to the application alone.
+        scans: planar scans in the map that this flight put there.
+        dropped: images and scans for which there was no room, since the beginning.
+        refused: those that cannot be used: of another size, or with a pose that is no number.
+        lost: images and scans that were in the map and are not any more, because the process died before they were on
+            the disk: the last second's, each time.
+        age_s: since the process was last heard; infinite before.
+        alive: whether the process runs.
+        restarts: how often it died and was started again, with what the journal held.
+        resumed_chunks: chunks that the journal held when the process was last started.
     """
 
     kept_frames: int = 0
@@ -97,6 +123,15 @@ class Report:
     memory_bytes: int = 0
     journal_bytes: int = 0
     problem: str = ""
+    frames: int = 0
+    scans: int = 0
+    dropped: int = 0
+    refused: int = 0
+    lost: int = 0
+    age_s: float = math.inf
+    alive: bool = False
+    restarts: int = 0
+    resumed_chunks: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,4 +144,4 @@ class Kept:
 
 Offered = OfferedFrame | OfferedScan
 ToMap = Offered | Keep | Stop
-FromMap = Preparing | Ready | Failed | Taken | Report | Kept
+FromMap = Preparing | Ready | Failed | Taken | MapStatus | Kept

@@ -20,25 +20,24 @@ from companion.config.mapping import MapSettings
 from companion.errors import CompanionError
 from companion.mapping.frontiers.frontier import Judge, Reach, Survey
 from companion.mapping.frontiers.surveyor import Surveyor
-from companion.mapping.process.kept_map import KeptMap
+from companion.mapping.process.journaled_map import JournaledMap
 from companion.mapping.process.messages import (
     Failed,
     FromMap,
     Keep,
     Kept,
+    MapStatus,
     Offered,
     OfferedFrame,
     OfferedScan,
     Preparing,
     Ready,
-    Report,
     Stop,
     Taken,
     ToMap,
 )
 from companion.mapping.process.slots import SlotRing
-from companion.mapping.process.start import MAP_NICENESS, ignore_ctrl_c
-from companion.mapping.process.waiting import Waiting
+from companion.mapping.process.supervisor import MAP_NICENESS, ignore_ctrl_c
 from companion.model import Camera, DepthFrame, PlanarScan, Pose
 
 REPORT_PERIOD_S = 0.5
@@ -75,20 +74,20 @@ def serve(
     ignore_ctrl_c()
     os.nice(MAP_NICENESS)
     try:
-        kept_map = KeptMap(settings, journal)
+        voxels = JournaledMap(settings, journal)
     except CompanionError as error:
         pipe.send(Failed(str(error)))
         return
     # When the application is gone the map is still kept.
-    with kept_map, suppress(EOFError, BrokenPipeError, ConnectionResetError):
+    with voxels, suppress(EOFError, BrokenPipeError, ConnectionResetError):
         try:
             compile_ahead(settings, cameras, reach, lambda what: pipe.send(Preparing(what)))
         except (OSError, CompanionError) as error:
             # A full disk must not keep the map from being started again in flight.
             _log.warning("nothing of the map is compiled ahead, the first images may be late: %s", error)
-        worker = _Worker(pipe, rings, kept_map, reach)
-        pipe.send(Ready(kept_map.chunks))
-        while worker.turn():
+        server = MapServer(pipe, rings, voxels, reach)
+        pipe.send(Ready(voxels.chunks))
+        while server.turn():
             pass
 
 
@@ -105,7 +104,7 @@ def compile_ahead(
     """
     pose = Pose(0.0, 0.0, 0.0, reach.height_m, 0.0)
     with tempfile.TemporaryDirectory() as folder:
-        with KeptMap(settings, Path(folder) / "map") as scratch:
+        with JournaledMap(settings, Path(folder) / "map") as scratch:
             tell("compiling what puts images into the map")
             for camera in cameras:
                 depth_m = np.full((camera.height_px, camera.width_px), camera.max_range_m / 2.0, np.float32)
@@ -114,7 +113,7 @@ def compile_ahead(
             bearings_rad = np.linspace(-math.pi, math.pi, 90, endpoint=False)
             scratch.integrate_scan(PlanarScan(0.0, bearings_rad, np.full(90, 2.0), 4.0, pose))
         # From the journal, as after a restart.
-        with KeptMap(settings, Path(folder) / "map") as scratch:
+        with JournaledMap(settings, Path(folder) / "map") as scratch:
             tell("compiling what looks for frontiers")
             surveyor = _surveyor(scratch, reach)
             surveyor.update(scratch.snapshot())
@@ -124,28 +123,72 @@ def compile_ahead(
                 surveyor.survey((x_m, 0.0, reach.height_m))
 
 
-def _surveyor(kept_map: KeptMap, reach: Reach) -> Surveyor:
+def _surveyor(voxels: JournaledMap, reach: Reach) -> Surveyor:
     """A surveyor who knows what the journal held."""
-    surveyor = Surveyor(kept_map.voxel_m, reach)
-    for piece in kept_map.pieces():
-        surveyor.put(piece, kept_map.threshold)
+    surveyor = Surveyor(voxels.voxel_m, reach)
+    for piece in voxels.pieces():
+        surveyor.put(piece, voxels.threshold)
     return surveyor
 
 
-class _Worker:
+class Waiting:
+    """Offers that have not been put into the map. Each sensor has few slots, so there are never many.
+
+    When there is not time for all, the map still follows the vehicle, and with all its eyes: a sensor that was just
+    served comes last, however fast it is.
+
+    Args:
+        sources: how many sensors there are.
+    """
+
+    def __init__(self, sources: int) -> None:
+        self._stacks: list[list[Offered]] = [[] for _ in range(sources)]
+        self._turns = deque(range(sources))
+
+    def __len__(self) -> int:
+        return sum(map(len, self._stacks))
+
+    def add(self, offered: Offered) -> None:
+        """A new one."""
+        self._stacks[offered.source].append(offered)
+
+    def pop(self) -> Offered:
+        """The next one to be put into the map.
+
+        Raises:
+            IndexError: nothing waits.
+        """
+        for source in self._turns:
+            if self._stacks[source]:
+                self._turns.remove(source)
+                self._turns.append(source)
+                return self._stacks[source].pop()
+        raise IndexError("nothing waits")
+
+
+class MapServer:
+    """The map, at the other end of the pipe from `MapClient`.
+
+    Args:
+        pipe: to the application.
+        rings: slots of the cameras, and of the scanner at last.
+        voxels: the map.
+        reach: what the vehicle can do.
+    """
+
     def __init__(
-        self, pipe: Connection[FromMap, ToMap], rings: Sequence[SlotRing], kept_map: KeptMap, reach: Reach
+        self, pipe: Connection[FromMap, ToMap], rings: Sequence[SlotRing], voxels: JournaledMap, reach: Reach
     ) -> None:
         self._pipe = pipe
         self._rings = rings
-        self._map = kept_map
+        self._map = voxels
         self._judge = Judge(reach)
-        self._surveyor = _surveyor(kept_map, reach)
+        self._surveyor = _surveyor(voxels, reach)
         self._waiting = Waiting(len(rings))
         self._flown: deque[tuple[float, float, float]] = deque(maxlen=MOST_PLACES)
         self._newest: Offered | None = None
         self._took_s: deque[float] = deque(maxlen=TIMED_FRAMES)
-        self._surveyed_revision = kept_map.revision
+        self._surveyed_revision = voxels.revision
         self._survey: Survey | None = None
         self._complete = False
         self._survey_s = 0.0
@@ -185,11 +228,13 @@ class _Worker:
 
     def _put(self, offered: Offered) -> None:
         began_s = time.monotonic()
-        try:
-            used = self._integrate(offered)
-        except ValueError:
-            # A pose that is no number, or outside the grid.
-            used = False
+        used = not self._map.is_full
+        if used:
+            try:
+                self._integrate(offered)
+            except ValueError:
+                # A pose that is no number, or outside the grid.
+                used = False
         if used:
             if isinstance(offered, OfferedFrame):
                 self._took_s.append(time.monotonic() - began_s)
@@ -200,15 +245,15 @@ class _Worker:
                 self._flown.append((pose.x_m, pose.y_m, pose.z_m))
         self._pipe.send(Taken(offered.source, offered.slot, used))
 
-    def _integrate(self, offered: Offered) -> bool:
+    def _integrate(self, offered: Offered) -> None:
         room = self._rings[offered.source].array(offered.slot)
         match offered:
             case OfferedFrame():
-                return self._map.integrate(DepthFrame(offered.t_s, room, offered.camera, offered.pose))
+                self._map.integrate(DepthFrame(offered.t_s, room, offered.camera, offered.pose))
             case OfferedScan():
                 bearings_rad, ranges_m = room[:, : offered.rays]
                 scan = PlanarScan(offered.t_s, bearings_rad, ranges_m, offered.max_range_m, offered.pose)
-                return self._map.integrate_scan(scan)
+                self._map.integrate_scan(scan)
 
     def _look_for_frontiers(self) -> None:
         newest = self._newest
@@ -229,20 +274,20 @@ class _Worker:
 
     def _report(self, now_s: float) -> None:
         self._next_report_s = now_s + REPORT_PERIOD_S
-        found, kept_map = self._survey, self._map
+        found, voxels = self._survey, self._map
         self._pipe.send(
-            Report(
-                kept_frames=kept_map.kept_frames,
-                kept_scans=kept_map.kept_scans,
+            MapStatus(
+                kept_frames=voxels.kept_frames,
+                kept_scans=voxels.kept_scans,
                 occupied=0 if found is None else found.occupied,
                 completeness=0.0 if found is None else found.completeness,
                 complete=self._complete,
                 frontiers=0 if found is None else len(found.frontiers_m),
                 survey_s=self._survey_s,
                 frame_ms=1000.0 * median(self._took_s) if self._took_s else 0.0,
-                chunks=kept_map.chunks,
-                memory_bytes=kept_map.memory_bytes + self._surveyor.known.memory_bytes,
-                journal_bytes=kept_map.journal_bytes,
-                problem=kept_map.problem,
+                chunks=voxels.chunks,
+                memory_bytes=voxels.memory_bytes + self._surveyor.known.memory_bytes,
+                journal_bytes=voxels.journal_bytes,
+                problem=voxels.problem,
             )
         )

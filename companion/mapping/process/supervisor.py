@@ -1,17 +1,16 @@
-"""The process of the map as the application sees it: started, told, heard, started again when it dies, and ended."""
+"""The supervisor of the map's process: starts it, passes messages, starts it again when it dies, and ends it."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
+import signal
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any
 
-from companion.mapping.process.messages import Failed, FromMap, Preparing, Ready, Stop, ToMap
-from companion.mapping.process.start import start
-from companion.mapping.process.status import MapError
+from companion.mapping.process.messages import Failed, FromMap, MapError, Preparing, Ready, Stop, ToMap
 
 SILENT_TIMEOUT_S = 300.0
 """The first start on a computer compiles everything, which takes a small one minutes; it says what it is at."""
@@ -24,10 +23,16 @@ REST_S = 1.0
 END_TIMEOUT_S = 10.0
 """Time to put the last second on the disk."""
 
+MAP_NICENESS = 15
+"""The map yields to the control tick: beside a process of niceness 0 it gets 3 % of a processor that both want."""
+
+FILES_NICENESS = 19
+"""The files yield to the control tick, and to the map."""
+
 _log = logging.getLogger(__name__)
 
 
-class MapProcess:
+class MapSupervisor:
     """Keeps the process of the map running: when it dies it is started again, `RESTARTS` times at most.
 
     One that hangs is not replaced.
@@ -36,12 +41,13 @@ class MapProcess:
         context: that starts processes.
         target: what it runs, with its end of the pipe before the arguments.
         arguments: the others.
-        hear: is given each message.
-        died: is called each time that it is gone; how many readings are lost with it.
+        on_message: is given each message.
+        on_death: is called each time that it is gone; how many readings are lost with it.
 
     Attributes:
         restarts: so far.
-        why: it could not begin, by its own word.
+        why: it could not begin, as it said itself; empty when it could.
+        is_ready: it runs and takes readings.
     """
 
     def __init__(
@@ -49,14 +55,14 @@ class MapProcess:
         context: SpawnContext,
         target: Callable[..., None],
         arguments: tuple[Any, ...],
-        hear: Callable[[FromMap], None],
-        died: Callable[[], int],
+        on_message: Callable[[FromMap], None],
+        on_death: Callable[[], int],
     ) -> None:
         self._context = context
         self._target = target
         self._arguments = arguments
-        self._take = hear
-        self._died = died
+        self._on_message = on_message
+        self._on_death = on_death
         self._process: SpawnProcess | None = None
         self._pipe: Connection[ToMap, FromMap] | None = None
         self._task: asyncio.Task[None] | None = None
@@ -99,7 +105,7 @@ class MapProcess:
             await self.close()
             raise
 
-    def tell(self, message: ToMap) -> bool:
+    def send(self, message: ToMap) -> bool:
         """Send a message; false when the process is gone. There are never so many that the pipe could be full."""
         if self._pipe is None:
             return False
@@ -116,7 +122,7 @@ class MapProcess:
             return
         self._closing.set()
         try:
-            self.tell(Stop())
+            self.send(Stop())
             await asyncio.wait({task}, timeout=END_TIMEOUT_S)
         finally:
             if not task.done() and self._process is not None:
@@ -139,7 +145,7 @@ class MapProcess:
                 return
 
     async def _run_once(self) -> None:
-        """Start the process, hear it, and return when it is gone."""
+        """Start the process, read what it sends, and return when it is gone."""
         self._gone.clear()
         self._pipe, theirs = self._context.Pipe()
         process = self._context.Process(target=self._target, args=(theirs, *self._arguments), name="map", daemon=True)
@@ -150,7 +156,7 @@ class MapProcess:
             theirs.close()
         self._process = process
         loop = asyncio.get_running_loop()
-        loop.add_reader(self._pipe.fileno(), self._hear)
+        loop.add_reader(self._pipe.fileno(), self._drain)
         try:
             if self._closing.is_set():
                 process.kill()
@@ -162,14 +168,14 @@ class MapProcess:
             await asyncio.to_thread(process.join, END_TIMEOUT_S)
             process.kill()
             await asyncio.to_thread(process.join)
-            lost = self._died()
+            lost = self._on_death()
             if not self._closing.is_set():
                 _log.error("the process of the map died (exit code %s): %d images are lost", process.exitcode, lost)
             self._process = None
             process.close()
 
-    def _hear(self) -> None:
-        """Take what the process said; called when there is something to read, or the process is gone."""
+    def _drain(self) -> None:
+        """Read all that the process sent; called when there is something to read, or the process is gone."""
         pipe = self._pipe
         if pipe is None:
             return
@@ -184,9 +190,24 @@ class MapProcess:
                     case Ready():
                         self.is_ready = True
                 self._news.set()
-                self._take(message)
+                self._on_message(message)
         except (EOFError, OSError):
             asyncio.get_running_loop().remove_reader(pipe.fileno())
             self.is_ready = False
             self._gone.set()
             self._news.set()
+
+
+def start(process: SpawnProcess) -> None:
+    """Start with SIGINT held back, or a Ctrl-C while the process is loading would end it."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        process.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
+def ignore_ctrl_c() -> None:
+    """In the process: a Ctrl-C in the terminal reaches every process, and the application decides what ends when."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

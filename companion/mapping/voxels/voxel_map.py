@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,7 @@ from companion.mapping.voxels.view import view_of
 from companion.model import DepthFrame, FloatArray, PlanarScan
 
 _FIRST_CHUNKS = 256
+Number = TypeVar("Number", bound=np.floating)
 
 
 class VoxelMap:
@@ -69,8 +72,8 @@ class VoxelMap:
 
         A pixel that measured a surface marks the voxel at its end; voxels whose centre a pixel saw to be clear are
         freed, unless the same frame marked them. Pixels at or beyond the nearer of the map's and the camera's range
-        free the space up to there. NaN and what is nearer than the camera's least range say nothing. Depth is along
-        the optical axis, and so are both ranges.
+        free the space up to there. NaN, what is nearer than the camera's least range, and what is at or beyond
+        ``settings.saturated_m`` say nothing. Depth is along the optical axis, and so are both ranges.
 
         Args:
             frame: the image with its camera and its pose. Images of several cameras come in turn.
@@ -87,7 +90,7 @@ class VoxelMap:
             )
         view = view_of(frame, settings.voxel_m, settings.max_range_m)
         # Compiled code differs for memory that is read-only or of another layout.
-        depth_m = np.require(frame.depth_m, np.float32, ["C", "W"])
+        depth_m = np.require(self._unsaturated(frame.depth_m), np.float32, ["C", "W"])
         if self._clear_m.shape != depth_m.shape:
             self._clear_m = np.empty(depth_m.shape, np.float32)
         rays = view.rays
@@ -124,7 +127,8 @@ class VoxelMap:
         """Put one turn of a planar scanner into the map.
 
         Each beam frees the voxels that it passed through and marks the one in which it ended, if it ended before the
-        nearer of the map's and the scanner's range. Hits win over misses within a turn. NaN and 0 say nothing.
+        nearer of the map's and the scanner's range. Hits win over misses within a turn. NaN, 0 and what is at or beyond
+        ``settings.saturated_m`` say nothing.
 
         Args:
             scan: the turn with its pose; the scanner sits at the vehicle's centre, level on its body.
@@ -133,6 +137,7 @@ class VoxelMap:
             ValueError: the pose or a bearing is not finite, or bearings and ranges differ in number.
             OSError: there is no more memory; the map is as it was, but for a part of this turn.
         """
+        scan = replace(scan, ranges_m=self._unsaturated(scan.ranges_m))
         box, beams = beams_of(scan, self.voxel_m, self.settings.max_range_m)
         passed = pass_beams(beams, box)
         self._revision += 1
@@ -241,6 +246,13 @@ class VoxelMap:
     def drop(self, chunks: NDArray[np.int32]) -> None:
         """Forget those of ``chunks`` (n, 3) that the map has: they are unknown again, and their memory is used anew."""
         forget_rows(self._store.table, _chunks(chunks))
+
+    def _unsaturated(self, readings_m: NDArray[Number]) -> NDArray[Number]:
+        """The same, with NaN for what the sensor says when nothing comes back."""
+        saturated_m = self.settings.saturated_m
+        if saturated_m is None:
+            return readings_m
+        return np.where(readings_m >= saturated_m, readings_m.dtype.type(np.nan), readings_m)
 
     def _filled(self, fill: Callable[[Table, int], int], last: int) -> int:
         """Call ``fill`` with the table and where to go on, and make room each time that it stops before ``last``.

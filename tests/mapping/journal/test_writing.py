@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import resource
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -111,6 +112,36 @@ class BadDisk:
         if self.cuts_fail:
             raise OSError(errno.EIO, os.strerror(errno.EIO))
         self._real[2](descriptor, size)
+
+
+def test_a_commit_in_the_thread_does_not_wait_for_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protects the images from an SD card that takes a second: the journal is used meanwhile; its error is kept."""
+    disk_is_done = threading.Event()
+    real, errors = os.fsync, [errno.ENOSPC, 0]
+
+    def fsync(descriptor: int) -> None:
+        assert disk_is_done.wait(10.0)
+        if errors and (error := errors.pop(0)):
+            raise OSError(error, os.strerror(error))
+        real(descriptor)
+
+    with Journal.open(tmp_path, HEADER) as journal:
+        monkeypatch.setattr(os, "fsync", fsync)
+        journal.append(piece({(0, 0, 0): surface(1)}))
+        syncing = [journal.is_syncing]
+        journal.begin_commit()
+        journal.append(piece({(1, 0, 0): surface(2)}))
+        syncing.append(journal.is_syncing)
+        disk_is_done.set()
+        with pytest.raises(OSError, match="No space left"):
+            journal.commit()
+        assert [*syncing, journal.is_syncing] == [False, True, False]
+        journal.begin_commit()
+        journal.commit()
+        assert errors == []
+        assert all(segment.safe_end == segment.end for segment in journal._contents.segments.values())
+    with Journal.read_only(tmp_path) as read:
+        assert set(held(read)) == {(0, 0, 0), (1, 0, 0)}
 
 
 @pytest.mark.parametrize("cuts_fail", [False, True])

@@ -20,16 +20,15 @@ from companion.config.mapping import MapSettings
 from companion.errors import CompanionError
 from companion.mapping import VoxelMap
 from companion.mapping.frontiers.surveyor import survey
-from companion.mapping.process import server as serve
-from companion.mapping.process import supervisor as child
+from companion.mapping.process import server, supervisor
 from companion.mapping.process.client import MapError
-from companion.mapping.process.kept_map import KeptMap
+from companion.mapping.process.journaled_map import JournaledMap
 from companion.mapping.process.messages import OfferedFrame
 from tests.mapping.process.workers import CAMERA, child_of, give, gone, images, mapper, until
 from tests.mapping.voxels import scenes
 
 
-def test_the_map_of_the_process_is_the_map(tmp_path: Path) -> None:
+async def test_the_map_of_the_process_is_the_map(tmp_path: Path) -> None:
     """Images arrive unchanged, the status follows by itself, and the files hold what a map here would hold."""
     frames = images()
     here = VoxelMap(MapSettings())
@@ -58,42 +57,38 @@ def test_the_map_of_the_process_is_the_map(tmp_path: Path) -> None:
         assert not maps.status.alive
         return paths
 
-    paths = asyncio.run(fly())
+    paths = await fly()
     assert {"map.bt", "map.pcd", "map.ply"} <= {path.name for path in paths}
     assert {path.name for path in (tmp_path / "map").iterdir()} == {"map.journal"} | {path.name for path in paths}
     text = (tmp_path / "map" / "map.ply").read_bytes()
     assert f"element vertex {here.counts().occupied}\n".encode() in text
 
 
-def test_a_slow_map_drops_images_and_holds_nobody_up() -> None:
+async def test_a_slow_map_drops_images_and_holds_nobody_up() -> None:
     """Stopped by the system, the process takes nothing: offers are refused at once, counted, and never pile up."""
-
-    async def fly() -> None:
-        async with mapper() as maps:
-            frame = images(1)[0]
-            os.kill(child_of(maps), signal.SIGSTOP)
-            try:
-                took_s = []
-                for _ in range(200):
-                    began_s = time.perf_counter()
-                    maps.offer(frame)
-                    took_s.append(time.perf_counter() - began_s)
-                    await asyncio.sleep(0)
-                assert maps.status.dropped == 197
-                # One that the system interrupted may be longer: nine in ten must be far below the 5 ms.
-                assert np.percentile(took_s, 90) < 0.005
-            finally:
-                os.kill(child_of(maps), signal.SIGCONT)
-            await until(lambda: maps.status.frames == 3, "the three that were taken")
-            assert maps.offer(frame), "room again"
-            assert await maps.save() == [], "whoever gives no folder wants no files"
-
-    asyncio.run(fly())
+    async with mapper() as maps:
+        frame = images(1)[0]
+        os.kill(child_of(maps), signal.SIGSTOP)
+        try:
+            took_s = []
+            for _ in range(200):
+                began_s = time.perf_counter()
+                maps.offer(frame)
+                took_s.append(time.perf_counter() - began_s)
+                await asyncio.sleep(0)
+            assert maps.status.dropped == 197
+            # One that the system interrupted may be longer: nine in ten must be far below the 5 ms.
+            assert np.percentile(took_s, 90) < 0.005
+        finally:
+            os.kill(child_of(maps), signal.SIGCONT)
+        await until(lambda: maps.status.frames == 3, "the three that were taken")
+        assert maps.offer(frame), "room again"
+        assert await maps.save() == [], "whoever gives no folder wants no files"
 
 
-def test_a_process_that_is_stopped_is_ended_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_process_that_is_stopped_is_ended_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     """It hears nothing, so it is killed: the application must end."""
-    monkeypatch.setattr(child, "END_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(supervisor, "END_TIMEOUT_S", 0.2)
 
     async def fly() -> int:
         async with mapper() as maps:
@@ -101,59 +96,52 @@ def test_a_process_that_is_stopped_is_ended_all_the_same(monkeypatch: pytest.Mon
             os.kill(pid, signal.SIGSTOP)
         return pid
 
-    assert gone(asyncio.run(fly()))
+    assert gone(await fly())
 
 
 @pytest.mark.long
-def test_a_killed_process_without_a_folder_comes_back_empty(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_killed_process_without_a_folder_comes_back_empty(monkeypatch: pytest.MonkeyPatch) -> None:
     """Protects from a status that calls a map whole which is gone; and the death after the last restart is the last."""
-    monkeypatch.setattr(child, "REST_S", 0.05)
-    monkeypatch.setattr(child, "RESTARTS", 1)
+    monkeypatch.setattr(supervisor, "REST_S", 0.05)
+    monkeypatch.setattr(supervisor, "RESTARTS", 1)
 
-    async def fly() -> None:
-        async with mapper() as maps:
-            await give(maps, images(3))
-            os.kill(child_of(maps), signal.SIGKILL)
-            await until(lambda: not maps.status.alive, "noticed")
-            assert not maps.status.complete
-            assert maps.status.problem == "the process of the map does not run"
-            assert not maps.offer(images(1)[0])
-            await until(lambda: maps.status.alive, "started again")
-            assert maps.status.restarts == 1
-            assert maps.status.frames == 0, "the map is empty and must say so"
-            assert maps.status.lost == 3
-            assert maps.status.problem == ""
-            await give(maps, images(2))
-            os.kill(child_of(maps), signal.SIGKILL)
-            await until(lambda: not maps.status.alive, "noticed")
-            await asyncio.sleep(0.5)
-            assert not maps.status.alive, "started more often than allowed"
-            assert maps.status.restarts == 1
-            assert maps.status.lost == 5
-
-    asyncio.run(fly())
+    async with mapper() as maps:
+        await give(maps, images(3))
+        os.kill(child_of(maps), signal.SIGKILL)
+        await until(lambda: not maps.status.alive, "noticed")
+        assert not maps.status.complete
+        assert maps.status.problem == "the process of the map does not run"
+        assert not maps.offer(images(1)[0])
+        await until(lambda: maps.status.alive, "started again")
+        assert maps.status.restarts == 1
+        assert maps.status.frames == 0, "the map is empty and must say so"
+        assert maps.status.lost == 3
+        assert maps.status.problem == ""
+        await give(maps, images(2))
+        os.kill(child_of(maps), signal.SIGKILL)
+        await until(lambda: not maps.status.alive, "noticed")
+        await asyncio.sleep(0.5)
+        assert not maps.status.alive, "started more often than allowed"
+        assert maps.status.restarts == 1
+        assert maps.status.lost == 5
 
 
-def test_nothing_that_goes_wrong_ends_the_map() -> None:
+async def test_nothing_that_goes_wrong_ends_the_map() -> None:
     """Protects a flight from one bad image and from a Ctrl-C: images that cannot be used are counted, no more."""
-
-    async def fly() -> None:
-        async with mapper() as maps:
-            other = scenes.camera(40, 30)
-            assert not maps.offer(scenes.frame(other, scenes.pose(z_m=1.5), 2.0))
-            assert maps.offer(scenes.frame(CAMERA, scenes.pose(z_m=math.nan), 2.0))
-            await until(lambda: maps.status.refused == 2, "refused")
-            # In a terminal it goes to every process, and the map must still be there to be saved.
-            os.kill(child_of(maps), signal.SIGINT)
-            await asyncio.sleep(0.3)
-            await give(maps, images(2))
-            assert maps.status.alive
-            assert maps.status.restarts == 0
-
-    asyncio.run(fly())
+    async with mapper() as maps:
+        other = scenes.camera(40, 30)
+        assert not maps.offer(scenes.frame(other, scenes.pose(z_m=1.5), 2.0))
+        assert maps.offer(scenes.frame(CAMERA, scenes.pose(z_m=math.nan), 2.0))
+        await until(lambda: maps.status.refused == 2, "refused")
+        # In a terminal it goes to every process, and the map must still be there to be saved.
+        os.kill(child_of(maps), signal.SIGINT)
+        await asyncio.sleep(0.3)
+        await give(maps, images(2))
+        assert maps.status.alive
+        assert maps.status.restarts == 0
 
 
-def test_a_folder_that_takes_nothing_is_one_clear_error() -> None:
+async def test_a_folder_that_takes_nothing_is_one_clear_error() -> None:
     """Protects from a flight whose map can never be written: nothing was armed yet, so it is refused."""
 
     async def fly() -> None:
@@ -162,10 +150,10 @@ def test_a_folder_that_takes_nothing_is_one_clear_error() -> None:
             pytest.fail("started with a folder that cannot be")
 
     with pytest.raises(CompanionError, match=r"/dev/full/map.*Not a directory"):
-        asyncio.run(fly())
+        await fly()
 
 
-def test_the_loop_is_not_held_up_by_start_and_end() -> None:
+async def test_the_loop_is_not_held_up_by_start_and_end() -> None:
     """The control tick runs in the same loop while a process is started, works, and ends."""
 
     async def fly() -> float:
@@ -184,10 +172,10 @@ def test_the_loop_is_not_held_up_by_start_and_end() -> None:
         return float(np.percentile(late_s, 98))
 
     # Not the worst: the machine that runs the tests has other work. A start in the loop would be late every time.
-    assert asyncio.run(fly()) < 0.02
+    assert await fly() < 0.02
 
 
-def test_an_interrupted_application_leaves_nothing() -> None:
+async def test_an_interrupted_application_leaves_nothing() -> None:
     """Whatever breaks off the block, the process ends."""
 
     async def fly() -> int:
@@ -205,7 +193,7 @@ def test_an_interrupted_application_leaves_nothing() -> None:
             await task
         return pids[0]
 
-    assert gone(asyncio.run(fly()))
+    assert gone(await fly())
 
 
 _APPLICATION = """
@@ -249,9 +237,9 @@ def test_the_map_ends_with_a_killed_application(tmp_path: Path) -> None:
     assert ours <= before
 
 
-def test_a_process_that_cannot_start_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_process_that_cannot_start_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """A map that never gets ready must not keep the vehicle waiting for ever."""
-    monkeypatch.setattr(child, "SILENT_TIMEOUT_S", 0.01)
+    monkeypatch.setattr(supervisor, "SILENT_TIMEOUT_S", 0.01)
 
     async def fly() -> None:
         async with mapper():
@@ -260,15 +248,15 @@ def test_a_process_that_cannot_start_is_an_error(monkeypatch: pytest.MonkeyPatch
     with pytest.raises(
         MapError, match=r"does not get ready: it has been loading for 0\.01 s; .* companion\.flight\.warm_up"
     ):
-        asyncio.run(fly())
+        await fly()
 
 
 def test_the_places_flown_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     """Protects the memory when nobody looks for frontiers for hours: the oldest place is forgotten."""
-    monkeypatch.setattr(serve, "MOST_PLACES", 3)
+    monkeypatch.setattr(server, "MOST_PLACES", 3)
     pipe, _other_end = get_context("spawn").Pipe()
     rings = mapper()._rings
-    maps = serve._Worker(pipe, rings, KeptMap(MapSettings(), None), mapper()._reach)
+    maps = server.MapServer(pipe, rings, JournaledMap(MapSettings(), None), mapper()._reach)
     rings[0].array(0)[...] = 2.0
     for n in range(10):
         pose = dataclasses.replace(scenes.pose(float(n), 0.0, 1.5), vx_mps=0.5)

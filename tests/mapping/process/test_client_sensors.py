@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
 import os
 import signal
@@ -11,8 +10,7 @@ import numpy as np
 
 from companion.config.mapping import MapSettings
 from companion.mapping import VoxelMap
-from companion.mapping.process.client import MapWorker
-from companion.mapping.process.kept_map import KeptMap
+from companion.mapping.process.client import MapClient
 from companion.model import MOST_RAYS, DepthFrame, PlanarScan
 from tests.mapping.process.workers import CAMERA, HIGH_M, LOW_M, child_of, give, images, mapper, until
 from tests.mapping.voxels import scenes
@@ -32,7 +30,7 @@ def scan(rays: int = 90, **changes: float) -> PlanarScan:
     return PlanarScan(0.0, bearings_rad, np.full(rays, changes.get("range_m", 2.5)), 8.0, AT)
 
 
-def test_two_cameras_and_a_scanner_make_one_map() -> None:
+async def test_two_cameras_and_a_scanner_make_one_map() -> None:
     """Protects from a map that knows one size of image, and the slow sensors from a fast one."""
     frames = images(4)
     here = VoxelMap(MapSettings())
@@ -57,7 +55,7 @@ def test_two_cameras_and_a_scanner_make_one_map() -> None:
             assert maps.status.memory_bytes > 100_000
             await flood(maps, frames[0])
 
-    async def flood(maps: MapWorker, frame: DepthFrame) -> None:
+    async def flood(maps: MapClient, frame: DepthFrame) -> None:
         """One camera's images only, as fast as can be: the others keep their room, and drops are counted."""
         before = maps.status.dropped
         os.kill(child_of(maps), signal.SIGSTOP)
@@ -72,15 +70,15 @@ def test_two_cameras_and_a_scanner_make_one_map() -> None:
             os.kill(child_of(maps), signal.SIGCONT)
         await until(lambda: (maps.status.frames, maps.status.scans) == (9, 4), "those that were taken")
 
-    asyncio.run(fly())
+    await fly()
 
 
 def test_a_camera_s_word_for_nothing_frees_nothing() -> None:
     """Protects from a wall that is flown through: 65.535 m of a 16-bit camera is no look into the distance."""
-    free, said_nothing = KeptMap(MapSettings(), None), KeptMap(MapSettings(saturated_m=65.535), None)
-    for kept_map in (free, said_nothing):
-        kept_map.integrate(scenes.frame(CAMERA, AT, 65.535))
-        kept_map.integrate_scan(scan(range_m=65.535))
+    free, said_nothing = VoxelMap(MapSettings()), VoxelMap(MapSettings(saturated_m=65.535))
+    for voxels in (free, said_nothing):
+        voxels.integrate(scenes.frame(CAMERA, AT, 65.535))
+        voxels.integrate_scan(scan(range_m=65.535))
     assert len(free.snapshot().free()) > 1000
     assert len(said_nothing.snapshot().free()) == 0
     said_nothing.integrate(scenes.frame(CAMERA, AT, 65.53))

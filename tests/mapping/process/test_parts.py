@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import errno
-import threading
 from multiprocessing import get_context
 
 import numpy as np
 import pytest
 
-from companion.mapping.process.keeper import Keeper, told
+from companion.mapping.process.client import Tally
 from companion.mapping.process.messages import OfferedFrame
+from companion.mapping.process.server import Waiting
 from companion.mapping.process.slots import SLOTS, SlotRing
-from companion.mapping.process.tally import Tally
-from companion.mapping.process.waiting import Waiting
 from tests.mapping.voxels import scenes
 
 
@@ -80,38 +77,3 @@ def test_every_offer_is_counted_once() -> None:
     tally.kept(frames=0, scans=0)
     assert tally.died(waiting=0) == 1
     assert (tally.in_map("frames"), tally.lost) == (7, 5)
-
-
-def test_the_keeper_does_not_wait_for_the_disk() -> None:
-    """Protects the images from an SD card that takes a second: while it works, nobody waits; its error is kept."""
-    gate = threading.Event()
-    errors: list[OSError | None] = [OSError(errno.ENOSPC, "No space left on device"), OSError(errno.EIO, "bad"), None]
-
-    def keep() -> None:
-        assert gate.wait(10.0)
-        error = errors.pop(0)
-        if error is not None:
-            raise error
-
-    keeper = Keeper(keep)
-    busy = [keeper.busy]
-    keeper.begin()
-    busy.append(keeper.busy)
-    gate.set()
-    results = []
-    for _ in range(3):
-        keeper.wait()
-        busy.append(keeper.busy)
-        result = keeper.result()
-        results.append("" if result is None else told(result))
-        keeper.begin()
-    assert results == [
-        "disk full, in memory only: make room (No space left on device)",
-        "disk fails, in memory only: check it (bad)",
-        "",
-    ]
-    assert busy == [False, True, False, False, False]
-    # A list that is empty is no error of the disk: it has to be heard of.
-    keeper.wait()
-    with pytest.raises(IndexError):
-        keeper.result()

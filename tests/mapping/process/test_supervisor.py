@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import asyncio
 import time
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 
 import pytest
 
-from companion.mapping.process import supervisor as child
+from companion.mapping.process import supervisor
 from companion.mapping.process.messages import FromMap, Preparing, Ready, ToMap
-from companion.mapping.process.supervisor import MapProcess
+from companion.mapping.process.supervisor import MapSupervisor
 
 STAGE_S, STAGES = 1.5, 4
 
@@ -25,18 +24,18 @@ def slow_to_start(pipe: Connection[FromMap, ToMap]) -> None:
     pipe.recv()
 
 
-def test_a_process_that_says_what_it_is_at_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_process_that_says_what_it_is_at_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """A small computer compiles for many minutes: only silence is given up."""
-    monkeypatch.setattr(child, "SILENT_TIMEOUT_S", 0.8 * STAGES * STAGE_S)
+    monkeypatch.setattr(supervisor, "SILENT_TIMEOUT_S", 0.8 * STAGES * STAGE_S)
     heard: list[FromMap] = []
 
     async def start() -> bool:
-        process = MapProcess(get_context("spawn"), slow_to_start, (), heard.append, lambda: 0)
+        process = MapSupervisor(get_context("spawn"), slow_to_start, (), heard.append, lambda: 0)
         await process.begin()
         try:
             return process.is_ready
         finally:
             await process.close()
 
-    assert asyncio.run(start())
+    assert await start()
     assert [type(message) for message in heard] == [Preparing] * STAGES + [Ready]

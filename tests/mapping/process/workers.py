@@ -15,7 +15,7 @@ import numpy as np
 
 from companion.config.control import ControlSettings
 from companion.config.mapping import MapSettings
-from companion.mapping.process.client import MapWorker
+from companion.mapping.process.client import MapClient
 from companion.model import DepthFrame
 from tests.mapping.voxels import scenes
 
@@ -33,9 +33,9 @@ def images(count: int = 12) -> list[DepthFrame]:
     return frames
 
 
-def mapper(folder: Path | None = None, **options: Any) -> MapWorker:
+def mapper(folder: Path | None = None, **options: Any) -> MapClient:
     settings = options.pop("settings", MapSettings())
-    return MapWorker(settings, options.pop("cameras", (CAMERA,)), ControlSettings(), folder, **options)
+    return MapClient(settings, options.pop("cameras", (CAMERA,)), ControlSettings(), folder, **options)
 
 
 async def until(true: Callable[[], bool], what: str, timeout_s: float = 60.0) -> None:
@@ -46,7 +46,7 @@ async def until(true: Callable[[], bool], what: str, timeout_s: float = 60.0) ->
         await asyncio.sleep(0.02)
 
 
-async def give(maps: MapWorker, frames: list[DepthFrame]) -> None:
+async def give(maps: MapClient, frames: list[DepthFrame]) -> None:
     """Offer each frame until it is taken."""
     before = maps.status.frames
     for frame in frames:
@@ -54,8 +54,8 @@ async def give(maps: MapWorker, frames: list[DepthFrame]) -> None:
     await until(lambda: maps.status.frames >= before + len(frames), "integrated")
 
 
-def child_of(maps: MapWorker) -> int:
-    pid = maps._child.pid
+def child_of(maps: MapClient) -> int:
+    pid = maps._supervisor.pid
     assert pid is not None
     return pid
 
