@@ -6,20 +6,31 @@ stand out, and its colour is the mean height of what is occupied in it. The sect
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Rectangle
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
-from PIL import Image
 
-from companion.mapping.files.colours import viridis
 from companion.mapping.files.export import Progress, silent
 from companion.mapping.files.whole import whole_file
 from companion.mapping.voxels.chunks import SHIFT
 from companion.model import FloatArray
-from companion.viewer.canvas import FAINT, MARK, TITLE_PX, Axis, Paper, text_width
 from companion.viewer.voxels import PIECE, PackedVoxels, State
+
+DPI = 144
 
 PLAN_PX = 1300, 850
 """Most that the plan takes, in width and height; it takes all of one of them."""
@@ -28,15 +39,33 @@ SECTION_PX = 150, 420
 """Sections lower than the first are stretched; none is higher than the second."""
 
 _STRETCHES = 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000
-_MARGIN_PX, _AXIS_PX, _BELOW_PX, _TITLE_PX, _KEY_PX = 30, 80, 56, 92, 64
+
+_LEAST_PX = 130
+"""A narrower frame gets room on both sides, for its numbers."""
+
+_LEFT_PX, _TOP_PX, _BETWEEN_PX, _KEY_PX = 100, 110, 105, 120
 _LEAST_WIDTH_PX = 1150
 
-_FREE = np.array([222, 233, 241], np.float64)
-_PAPER = np.array([255, 255, 255], np.float64)
-_WAY = (204, 60, 0)
-
+_INK, _FAINT, _MARK, _WAY = "#1f2428", "#6b737b", "#d55e00", "#cc3c00"
+_FREE, _PAPER = np.array([222, 233, 241]) / 255.0, np.ones(3)
 _FAINTEST = 0.3
 """How dark a column with a single occupied voxel is in the plan."""
+
+_STYLE: dict[Any, Any] = {  # matplotlib's own type for this names every key that it has
+    "font.family": "DejaVu Sans",
+    "font.size": 8.5,
+    "text.color": _INK,
+    "axes.edgecolor": _FAINT,
+    "axes.labelcolor": _INK,
+    "axes.linewidth": 0.7,
+    "axes.titlesize": 8.5,
+    "axes.titlelocation": "left",
+    "xtick.color": _FAINT,
+    "ytick.color": _FAINT,
+    "legend.frameon": False,
+}
+
+Span = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,10 +92,16 @@ def write_picture(
     Raises:
         OSError: the file cannot be written.
     """
-    sheet = _Sheet(voxels)
-    picture = sheet.draw(title, ways, progress)
-    with whole_file(path) as file:
-        picture.save(file, format="PNG")
+    figure = map_figure(voxels, title, ways, progress)
+    with mpl.rc_context(_STYLE), whole_file(path) as file:
+        # As large as what is on it: no line runs off the sheet.
+        figure.savefig(file, format="png", bbox_inches="tight", pad_inches=0.2)
+
+
+def map_figure(voxels: PackedVoxels, title: str, ways: list[FloatArray], progress: Progress = silent) -> Figure:
+    """The picture that `write_picture` writes."""
+    with mpl.rc_context(_STYLE):
+        return _Sheet(voxels).draw(title, ways, progress)
 
 
 class _Sheet:
@@ -87,84 +122,99 @@ class _Sheet:
         self._cell = np.ceil(1.0 / voxel_px - 1e-9).astype(np.int64)
         self._cells = -(-size // self._cell)
         self._frame_m = self._cells * self._cell * voxels.voxel_m
+        self._heights = ScalarMappable(Normalize(self._low_m[2], self._low_m[2] + self._size_m[2]), "viridis")
 
-    def draw(self, title: str, ways: list[FloatArray], progress: Progress) -> Image.Image:
+    def draw(self, title: str, ways: list[FloatArray], progress: Progress) -> Figure:
         """The picture."""
-        (x_low, y_low, z_low), (x_high, y_high, z_high) = self._low_m, self._low_m + self._frame_m
         scale, tall = self._px_per_m, self._px_per_m * self._stretch
-        width, depth = (round(float(size) * scale) for size in self._frame_m[:2])
-        height = round(float(self._frame_m[2]) * tall)
-        left, top = _MARGIN_PX + _AXIS_PX, _TITLE_PX
-        below, beside = top + depth + _BELOW_PX + 30, left + width + 60
-        x = Axis(x_low, x_high, left, scale)
-        y = Axis(y_low, y_high, top + depth, -scale)
-        z_up = Axis(z_low, z_high, below + height, -tall)
-        z_right = Axis(z_low, z_high, beside, tall)
+        x, y = self._span(0, scale), self._span(1, scale)
+        z = self._span(2, tall)
+        width, depth, height = scale * (x[1] - x[0]), scale * (y[1] - y[0]), tall * (z[1] - z[0])
+        whole = max(_LEFT_PX + width + _BETWEEN_PX + height, _LEAST_WIDTH_PX), _TOP_PX + depth + height + 250.0
+        figure = Figure(figsize=(whole[0] / DPI, whole[1] / DPI), dpi=DPI, facecolor="white")
+        FigureCanvasAgg(figure)
 
-        plan = self._counted(0, 1, progress=progress)
+        def frame(left: float, top: float, wide: float, high: float) -> Axes:
+            return figure.add_axes((left / whole[0], 1.0 - (top + high) / whole[1], wide / whole[0], high / whole[1]))
+
+        below, beside = _TOP_PX + depth + _BETWEEN_PX, _LEFT_PX + width + 60.0
+        plan = frame(_LEFT_PX, _TOP_PX, width, depth)
+        along = frame(_LEFT_PX, below, width, height)
+        across = frame(beside, _TOP_PX, height, depth)
+
+        seen = self._counted(0, 1, progress=progress)
         # Sections go where they cut the most free space.
-        cut_x, cut_y = (self._most_free(plan.free, axis) for axis in (0, 1))
-        along, across = self._counted(0, 2, (1, cut_y)), self._counted(1, 2, (0, cut_x))
-        voxel_m = self._voxels.voxel_m
-        at_y, at_x = (cut_y + 0.5) * voxel_m, (cut_x + 0.5) * voxel_m
-        times = "" if self._stretch == 1 else f", heights x {self._stretch}"
-        caption_a, caption_b = f"section A at y = {at_y:.2f} m{times}", f"section B at x = {at_x:.2f} m{times}"
-
-        widest = max(
-            beside + height + 20,
-            beside + text_width(caption_b),
-            left + text_width(caption_a),
-            _MARGIN_PX + text_width(title, TITLE_PX),
-        )
-        paper = Paper(max(widest + _MARGIN_PX, _LEAST_WIDTH_PX), below + height + _BELOW_PX + _KEY_PX + _MARGIN_PX)
-        paper.raster(self._seen_through(plan), x, y)
-        paper.raster(self._cut(along), x, z_up)
+        cut_x, cut_y = (self._most_free(seen.free, axis) for axis in (0, 1))
+        self._show(plan, self._seen_through(seen), 0, 1)
+        self._show(along, self._cut(self._counted(0, 2, (1, cut_y))), 0, 2)
         # Its heights go to the right, so that y stays beside that of the plan.
-        paper.raster(np.ascontiguousarray(np.rot90(self._cut(across), -1)), z_right, y)
-        for way in ways:
-            for one in _within(way, x, y):
-                paper.line([(x.at(px), y.at(py)) for px, py, _ in one], _WAY, 2)
-        paper.axes(x, y, "x (m)", "y (m)")
-        paper.axes(x, z_up, "x (m)", "z (m)")
-        paper.axes(z_right, y, "z (m)", None)
+        self._show(across, self._cut(self._counted(1, 2, (0, cut_x))).transpose(1, 0, 2), 2, 1)
+        for way_m in ways:
+            plan.plot(*way_m[:, :2].T, color=_WAY, lw=1.2, zorder=3)
 
-        paper.dashes((left, y.at(at_y)), (left + width, y.at(at_y)))
-        paper.dashes((x.at(at_x), top), (x.at(at_x), top + depth))
-        paper.text(left + width + 8, y.at(at_y), "A", colour=MARK, anchor="lm")
-        paper.text(x.at(at_x), top - 6, "B", colour=MARK, anchor="ms")
-        paper.text(left, below - 6, caption_a, anchor="ls")
-        paper.text(beside, top - 6, caption_b, anchor="ls")
-        self._explain(paper, title, below + height + _BELOW_PX + _KEY_PX // 2, ways)
-        return paper.image
+        at_x, at_y = ((cut + 0.5) * self._voxels.voxel_m for cut in (cut_x, cut_y))
+        stretched = "" if self._stretch == 1 else f", heights x {self._stretch}"
+        plan.set(xlim=x, ylim=y, xlabel="x (m)", ylabel="y (m)")
+        along.set(xlim=x, ylim=z, xlabel="x (m)", ylabel="z (m)", title=f"section A at y = {at_y:.2f} m{stretched}")
+        across.set(xlim=z, ylim=y, xlabel="z (m)", title=f"section B at x = {at_x:.2f} m{stretched}")
+        across.tick_params(labelleft=False)
+        for axes, wide, high in ((plan, width, depth), (along, width, height), (across, height, depth)):
+            axes.xaxis.set_major_locator(MaxNLocator(max(2, min(10, int(wide / 110.0))), steps=[1, 2, 5, 10]))
+            axes.yaxis.set_major_locator(MaxNLocator(max(2, int(high / 45.0)), steps=[1, 2, 5, 10]))
+            axes.ticklabel_format(style="plain", useOffset=False)
+        dashed: dict[str, Any] = {"color": _MARK, "lw": 0.8, "ls": (0, (6, 4)), "zorder": 4}
+        plan.axhline(at_y, **dashed)
+        plan.axvline(at_x, **dashed)
+        beyond: dict[str, Any] = {"color": _MARK, "fontweight": "bold", "textcoords": "offset points"}
+        plan.annotate("A", (x[1], at_y), (4, 0), va="center", **beyond)
+        plan.annotate("B", (at_x, y[1]), (0, 3), ha="center", **beyond)
 
-    def _explain(self, paper: Paper, title: str, at_px: float, ways: list[FloatArray]) -> None:
-        """Write the title, and the scale bar and the key into the strip at the bottom."""
+        figure.text(_LEFT_PX / whole[0], 1.0 - 32.0 / whole[1], title, fontsize=13.5, va="center")
+        figure.text(_LEFT_PX / whole[0], 1.0 - 66.0 / whole[1], self._facts(), color=_FAINT, va="center")
+        self._add_key(figure, frame, below + height + _KEY_PX, bool(ways))
+        return figure
+
+    def _span(self, axis: int, px_per_m: float) -> Span:
+        """From where to where a frame goes, in m."""
+        low_m, size_m = float(self._low_m[axis]), float(self._frame_m[axis])
+        more_m = max(_LEAST_PX / px_per_m - size_m, 0.0) / 2.0
+        return low_m - more_m, low_m + size_m + more_m
+
+    def _facts(self) -> str:
         voxels = self._voxels
         occupied, free = voxels.count(State.OCCUPIED), voxels.count(State.FREE)
+        if occupied + free == 0:
+            return f"voxel {voxels.voxel_m:g} m    nothing is known: no voxel is occupied or free"
         extent = " x ".join(f"{size:.1f}" for size in self._size_m)
-        paper.text(_MARGIN_PX, 14, title, TITLE_PX)
-        known = (
-            f"{occupied:,} occupied, {free:,} free ({free * voxels.voxel_m**3:,.0f} cubic m)    extent {extent} m"
-            if occupied + free
-            else "nothing is known: no voxel is occupied or free"
-        )
-        paper.text(_MARGIN_PX, 48, f"voxel {voxels.voxel_m:g} m    {known}", colour=FAINT)
-        x = paper.scale_bar(_MARGIN_PX + 20, at_px, self._px_per_m) + 60
-        steps = 220
-        bar = np.repeat(viridis(np.linspace(0.0, 1.0, steps))[None], 14, axis=0)
-        paper.raster(bar, Axis(0.0, steps, x + 60, 1.0), Axis(0.0, 14.0, at_px + 7, -1.0))
-        low_m, high_m = self._low_m[2], self._low_m[2] + self._size_m[2]
-        paper.text(x + 52, at_px, f"z {low_m:.1f} m", anchor="rm")
-        paper.text(x + 68 + steps, at_px, f"{high_m:.1f} m", anchor="lm")
-        x += steps + 160
-        shade: tuple[int, int, int] = tuple(int(part) for part in _FREE)  # type: ignore[assignment]
-        paper.box((x, at_px - 8, x + 24, at_px + 8), shade)
-        paper.text(x + 34, at_px, "free", anchor="lm")
-        paper.box((x + 100, at_px - 8, x + 124, at_px + 8), (255, 255, 255))
-        paper.text(x + 134, at_px, "unknown", anchor="lm")
-        if ways:
-            paper.line([(x + 240, at_px), (x + 264, at_px)], _WAY, 3)
-            paper.text(x + 274, at_px, "way flown", anchor="lm")
+        known = f"{occupied:,} occupied, {free:,} free ({free * voxels.voxel_m**3:,.0f} m³)"
+        return f"voxel {voxels.voxel_m:g} m    {known}    extent {extent} m"
+
+    def _add_key(self, figure: Figure, frame: Callable[..., Axes], top: float, some_way: bool) -> None:
+        """Draw the scale bar, the colours of heights and what else the colours mean into the strip at the bottom."""
+        length_m = round_length_m(130.0 / self._px_per_m)
+        long = length_m * self._px_per_m
+        bar = frame(_LEFT_PX, top, long, 10.0)
+        for part in range(4):
+            bar.add_patch(Rectangle((part / 4.0, 0.0), 0.25, 1.0, facecolor=_INK if part % 2 == 0 else "white"))
+        bar.set(xticks=[0.0, 1.0], xticklabels=["0", f"{length_m:g} m"], yticks=[])
+        bar.tick_params(length=0)
+
+        heights = frame(_LEFT_PX + max(long, 130.0) + 110.0, top, 240.0, 14.0)
+        figure.colorbar(self._heights, cax=heights, orientation="horizontal", label="z (m)")
+        heights.set_xticks(self._heights.get_clim(), [f"{at_m:.1f}" for at_m in self._heights.get_clim()])
+
+        handles: list[Any] = [Patch(facecolor=tuple(_FREE.tolist()), edgecolor=_FAINT, label="free")]
+        handles.append(Patch(facecolor="white", edgecolor=_FAINT, label="unknown"))
+        if some_way:
+            handles.append(Line2D([], [], color=_WAY, lw=1.8, label="way flown"))
+        place = heights.get_position()
+        figure.legend(handles=handles, loc="center left", bbox_to_anchor=(place.x1 + 0.03, place.y0), ncols=3)
+
+    def _show(self, axes: Axes, colours: FloatArray, across: int, up: int) -> None:
+        """Put (columns, rows, 3) colours where their voxels are."""
+        (left, low), (right, high) = ((at[across], at[up]) for at in (self._low_m, self._low_m + self._frame_m))
+        image = colours.transpose(1, 0, 2)
+        axes.imshow(image, origin="lower", extent=(left, right, low, high), aspect="auto", interpolation="nearest")
 
     def _counted(
         self, across: int, up: int, cut: tuple[int, int] | None = None, progress: Progress = silent
@@ -200,26 +250,26 @@ class _Sheet:
         return int(self._low[axis] + middle)
 
     def _shades(self, height_m: FloatArray) -> FloatArray:
-        share = (height_m - self._low_m[2]) / self._size_m[2]
-        return viridis(share).astype(np.float64)
+        return np.asarray(self._heights.to_rgba(height_m)[..., :3])
 
-    def _seen_through(self, seen: _Raster) -> NDArray[np.uint8]:
+    def _seen_through(self, seen: _Raster) -> FloatArray:
         """The plan: the more of a column is occupied, the more of its colour."""
         some = seen.occupied[seen.occupied > 0]
         most = float(np.quantile(some, 0.95)) if len(some) else 1.0
         dense = np.clip(seen.occupied / most, _FAINTEST, 1.0)[..., None] * (seen.occupied > 0)[..., None]
         ground = np.where((seen.free > 0)[..., None], _FREE, _PAPER)
-        return _upright(dense * self._shades(seen.height_m) + (1.0 - dense) * ground)
+        return np.asarray(dense * self._shades(seen.height_m) + (1.0 - dense) * ground)
 
-    def _cut(self, seen: _Raster) -> NDArray[np.uint8]:
+    def _cut(self, seen: _Raster) -> FloatArray:
         """A section: what is occupied, free and unknown, nothing else."""
         ground = np.where((seen.free > 0)[..., None], _FREE, _PAPER)
-        return _upright(np.where((seen.occupied > 0)[..., None], self._shades(seen.height_m), ground))
+        return np.where((seen.occupied > 0)[..., None], self._shades(seen.height_m), ground)
 
 
-def _upright(colours: FloatArray) -> NDArray[np.uint8]:
-    """(columns, rows, 3) with the origin at the lower left as an image, whose rows begin at the top."""
-    return colours.transpose(1, 0, 2)[::-1].round().astype(np.uint8)
+def round_length_m(least_m: float) -> float:
+    """The smallest of 1, 2, 5, 10 ... (and 0.5, 0.2 ...) that is at least ``least_m``."""
+    power = 10.0 ** math.floor(math.log10(least_m))
+    return power * next(step for step in (1.0, 2.0, 5.0, 10.0) if step * power >= least_m * (1.0 - 1e-9))
 
 
 def _bounds(voxels: PackedVoxels) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -241,10 +291,3 @@ def _bounds(voxels: PackedVoxels) -> tuple[NDArray[np.int64], NDArray[np.int64]]
         return np.zeros(3, np.int64), np.ones(3, np.int64)
     together = np.array(corners, np.int64)
     return together.min(axis=0), together.max(axis=0) + 1
-
-
-def _within(way_m: FloatArray, x: Axis, y: Axis) -> list[FloatArray]:
-    """The parts of a way that lie in the frame."""
-    inside = (way_m[:, 0] >= x.low_m) & (way_m[:, 0] <= x.high_m) & (way_m[:, 1] >= y.low_m) & (way_m[:, 1] <= y.high_m)
-    parts = np.split(np.arange(len(way_m)), np.flatnonzero(np.diff(inside)) + 1)
-    return [way_m[part] for part in parts if len(part) > 1 and inside[part[0]]]

@@ -14,7 +14,7 @@ from companion.mapping.journal import Journal
 from companion.mapping.voxels.piece import MapSource
 
 EXTRA = "mine-companion[ground]"
-_OF_THE_EXTRA = ("viser", "PIL")
+_OF_THE_EXTRA = ("viser", "matplotlib")
 
 
 class ExtraMissingError(CompanionError):

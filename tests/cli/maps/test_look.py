@@ -20,7 +20,8 @@ def test_the_help_waits_for_nothing() -> None:
     program = (
         "import sys; from companion.cli import main as cli\n"
         "try: cli.main(['map', 'view', '--help'])\n"
-        "except SystemExit: print(sorted({'numba', 'viser', 'PIL', 'numpy'} & set(sys.modules)), file=sys.stderr)"
+        "except SystemExit:\n"
+        "    print(sorted({'numba', 'viser', 'matplotlib', 'numpy'} & set(sys.modules)), file=sys.stderr)"
     )
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert ended.stderr.strip() == "[]"
@@ -29,9 +30,9 @@ def test_the_help_waits_for_nothing() -> None:
 
 def test_a_missing_extra_is_named(run: Run, mission: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Protects the user of a plain installation: what to install, and exit code 1."""
-    for name in ("PIL", "viser"):
+    for name in ("matplotlib", "viser"):
         monkeypatch.setitem(sys.modules, name, None)
-    for module in ("page", "picture", "paper"):
+    for module in ("page", "picture"):
         monkeypatch.delitem(sys.modules, f"companion.viewer.{module}", raising=False)
     for arguments in ((mission,), (mission, "--picture", tmp_path / "a.png")):
         code, _, errors = run("view", *arguments)
