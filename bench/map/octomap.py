@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from bench.map import frames as map_frames
+from companion.compiled import compiled
 from companion.model import DepthFrame
 
 Integers = NDArray[np.int64]
@@ -96,7 +96,7 @@ def leaves_of(tree: Any) -> tuple[Integers, NDArray[np.float32]]:
     return _leaves(nodes["value"].copy(), nodes["children"].copy())
 
 
-@njit(cache=True)
+@compiled
 def _leaves(values: NDArray[np.float32], children: NDArray[np.uint8]) -> tuple[Integers, NDArray[np.float32]]:
     """The leaves of OctoMap's ``.ot``: nodes depth first, each with a bit for each of its children."""
     count = 0

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from bench.map import frames as map_frames
 from bench.map.octomap import Floats, Integers, packed, voxels_of
+from companion.compiled import compiled_unchecked
 from companion.geometry import camera_to_world
 from companion.model import DepthFrame
 
@@ -74,7 +74,7 @@ def observed(voxels: Integers, frames: list[DepthFrame], voxel_m: float) -> Obse
     return Observed(why, hits, looks, lasts, slack_m)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_unchecked
 def _seen(
     depth_m: NDArray[np.float32],
     centres_m: Floats,

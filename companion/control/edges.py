@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from companion.control.parameters import Parameters
 from companion.model import CLEAR, FRONT_RAD, HIT, UNKNOWN, FloatArray, Scan, wrap_rad
 
@@ -91,7 +91,7 @@ def find_edges(scan: Scan, parameters: Parameters) -> list[Edge]:
     return sorted(edges, key=lambda edge: edge.near_range_m)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _jumps(
     bearings: FloatArray,
     ranges: FloatArray,
@@ -135,7 +135,7 @@ def corridor_is_free(scan: Scan, bearing_rad: float, length_m: float, half_width
     )
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _corridor_is_free(
     bearings: FloatArray,
     ranges: FloatArray,
@@ -170,7 +170,7 @@ def lies_along_boundary(scan: Scan, edge: Edge, margin_m: float) -> bool:
     )
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _lies_along_boundary(
     bearings: FloatArray,
     ranges: FloatArray,
@@ -194,7 +194,7 @@ def _lies_along_boundary(
     return True
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _open_direction(
     bearings: FloatArray, ranges: FloatArray, state: NDArray[np.uint8], half_width_m: float
 ) -> tuple[float, float]:

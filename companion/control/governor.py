@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from companion.control.parameters import Parameters
 from companion.model import HIT, FloatArray, Scan
 
@@ -24,7 +24,7 @@ def braking_speed_mps(room_m: float, reaction_s: float, brake_mps2: float) -> fl
     return max(0.0, math.sqrt(delay * delay + 2.0 * brake_mps2 * room_m) - delay)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _room(
     bearings: FloatArray,
     ranges: FloatArray,

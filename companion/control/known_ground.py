@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from companion.model import HIT, UNKNOWN, FloatArray, Pose, Scan
 
 CELL_M = 0.5
@@ -131,7 +131,7 @@ class KnownGround:
         return True
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _see(
     cells: NDArray[np.uint8],
     x: float,
@@ -164,7 +164,7 @@ def _see(
                 cells[row, column] = _WALL
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _steps_to_unseen(cells: NDArray[np.uint8]) -> NDArray[np.int32]:
     """Breadth-first search from every frontier through free cells; -1 where it does not come, 0 in unseen cells."""
     side = cells.shape[0]
@@ -199,7 +199,7 @@ def _steps_to_unseen(cells: NDArray[np.uint8]) -> NDArray[np.int32]:
     return steps
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _has_room(cells: NDArray[np.uint8], row: int, column: int) -> bool:
     """Whether a cell may be flown through: not a wall, nor beside one; unseen ground may."""
     side = cells.shape[0]
@@ -212,7 +212,7 @@ def _has_room(cells: NDArray[np.uint8], row: int, column: int) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _follow(
     cells: NDArray[np.uint8],
     steps: NDArray[np.int32],

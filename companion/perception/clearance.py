@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from companion.model import CLEAR, HIT, FloatArray, Scan
 
 AHEAD_MARGIN_M = 0.1
@@ -31,7 +31,7 @@ def ahead_m(scan: Scan, half_width_m: float) -> float:
     return float(_ahead(scan.bearings_rad, scan.ranges_m, scan.state, half_width_m))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _ahead(bearings: FloatArray, ranges: FloatArray, state: NDArray[np.uint8], half_width_m: float) -> float:
     least = math.nan
     for i in range(bearings.size):

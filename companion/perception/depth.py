@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from companion.geometry import camera_to_level, pixel_tangents
 from companion.model import CLEAR, HIT, UNKNOWN, DepthFrame, FloatArray
 from companion.perception.ground import SECTORS, View, ground_at, ground_profiles
@@ -40,7 +40,7 @@ def pool_nearest(depth_m: NDArray[np.float32], pool: int) -> NDArray[np.float32]
     return np.asarray(_pool_nearest(depth_m, pool))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _pool_nearest(depth: NDArray[np.float32], pool: int) -> NDArray[np.float32]:
     height, width = depth.shape[0] // pool, depth.shape[1] // pool
     out = np.full((height, width), np.float32(np.inf), np.float32)
@@ -104,7 +104,7 @@ def look_ahead(frame: DepthFrame, h_m: float, slab: Slab, bins: int) -> tuple[Lo
     return look, slope
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _slab(
     view: View, profile: NDArray[np.float64], h_m: float, half_height_m: float, bins: int
 ) -> tuple[FloatArray, NDArray[np.uint8], NDArray[np.bool_]]:

@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from companion.config.sensors import SensorSettings
 from companion.config.vehicle import VehicleSettings
 from companion.model import (
@@ -155,7 +155,7 @@ class Extractor:
             scan.ranges_m[b], scan.state[b], scan.fresh[b] = range_m, HIT, True
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _carry(
     ranges: FloatArray,
     state: NDArray[np.uint8],
@@ -197,7 +197,7 @@ def _nearest(scan: Scan, within_rad: float) -> tuple[float | None, float | None]
     return (float(range_m), float(bearing_rad)) if np.isfinite(range_m) else (None, None)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _nearest_of(
     bearings: FloatArray, ranges: FloatArray, state: NDArray[np.uint8], within_rad: float
 ) -> tuple[float, float]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from companion.compiled import compiled
 
 SECTORS = 12
 """Ground profiles side by side over the image: each is narrow enough for a drift that branches off to have its own."""
@@ -54,7 +55,7 @@ class View(NamedTuple):
     max_range_m: float
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def ground_profiles(view: View, h_m: float, max_slope: float) -> tuple[NDArray[np.float64], int]:
     """Ground height relative to the vehicle, by sector of the image and distance.
 
@@ -148,7 +149,7 @@ def ground_profiles(view: View, h_m: float, max_slope: float) -> tuple[NDArray[n
     return profile, seen_ahead
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _line_was_seen(
     points: NDArray[np.int32], from_z: float, to_at: float, to_z: float, lowest_tangent: float, floor_of_levels: float
 ) -> bool:
@@ -168,7 +169,7 @@ def _line_was_seen(
     return True
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def ground_at(profile: NDArray[np.float64], sector: int, distance_m: float, h_m: float) -> float:
     """Ground height at a distance: linear between the cells' centres and the point below the vehicle."""
     cells = profile.shape[1]

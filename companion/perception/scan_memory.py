@@ -6,9 +6,9 @@ Between the edge of the camera's view and the side beams nobody looks, and a cor
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from companion.model import ABSURD, HIT, UNKNOWN, FloatArray, Pose, Scan
 
 CELL_M = 0.1
@@ -69,7 +69,7 @@ class ScanMemory:
         )
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _remember(
     points: NDArray[np.float64],
     seen: NDArray[np.float64],
@@ -96,13 +96,13 @@ def _remember(
         seen[row, column] = t_s
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _is_seen_through(distance_m: float, range_m: float) -> bool:
     """Whether a look that reached so far went through a point at that distance."""
     return distance_m < range_m - SEEN_THROUGH_M - SEEN_THROUGH_PER_M * range_m * range_m
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _looked_range(ranges: FloatArray, state: NDArray[np.uint8], fresh: NDArray[np.bool_], b: int) -> float:
     """How far the look saw at a bearing and both beside it; 0 where it did not look at one of them.
 
@@ -117,7 +117,7 @@ def _looked_range(ranges: FloatArray, state: NDArray[np.uint8], fresh: NDArray[n
     return least
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _recall(
     points: NDArray[np.float64],
     seen: NDArray[np.float64],

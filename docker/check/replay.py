@@ -167,7 +167,7 @@ def compiled_names(package: Path) -> set[str]:
         for file in package.rglob("*.py")
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
         if isinstance(node, ast.FunctionDef)
-        and any(ast.unparse(decorator).startswith(("njit", "numba.njit")) for decorator in node.decorator_list)
+        and any(ast.unparse(decorator).startswith("compiled") for decorator in node.decorator_list)
     }
 
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled_unchecked
 from companion.geometry import camera_to_world
 from companion.model import Camera, Pose
 from sitl.mines.model import World
@@ -106,7 +106,7 @@ class _Chunks(NamedTuple):
         return cls(own, vertex_starts, (local - vertex_starts[owner]).reshape(-1, 3), triangle_starts, centres, radii)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled_unchecked
 def _rendered(chunks: _Chunks, view: _View) -> NDArray[np.float32]:
     """The depth image. 1/depth is linear over the pixels that a plane covers, and its greatest value is the nearest."""
     vertices, vertex_starts, triangles, triangle_starts, _, _ = chunks
@@ -169,7 +169,7 @@ def _rendered(chunks: _Chunks, view: _View) -> NDArray[np.float32]:
     return inverse
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled_unchecked
 def _chunks_in_view(chunks: _Chunks, view: _View) -> NDArray[np.int64]:
     """The chunks whose sphere reaches into the pyramid that the image covers out to ``far``."""
     centres, radii = chunks.centres_m, chunks.radii_m
@@ -201,7 +201,7 @@ def _chunks_in_view(chunks: _Chunks, view: _View) -> NDArray[np.int64]:
     return found[:count]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled_unchecked
 def _clipped(
     polygon: Array,
     seen: Array,
@@ -227,7 +227,7 @@ def _clipped(
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled_unchecked
 def _covers_a_pixel(polygon: Array, count: int, width: int, height: int) -> bool:
     """Whether the rectangle around a polygon holds the centre of any pixel."""
     low_u = high_u = polygon[0, 0]
@@ -240,7 +240,7 @@ def _covers_a_pixel(polygon: Array, count: int, width: int, height: int) -> bool
     return bool(low_u <= high_u and low_v <= high_v)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled_unchecked
 def _inverse_depth(
     a: tuple[float, float, float],
     b: tuple[float, float, float],
@@ -261,7 +261,7 @@ def _inverse_depth(
     return along_u, along_v, n0 / distance - along_u * cx - along_v * cy
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled_unchecked
 def _fill(
     inverse: NDArray[np.float32],
     ua: float,

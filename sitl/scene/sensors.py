@@ -7,9 +7,9 @@ from collections import deque
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from companion.config.sensors import SensorSettings
 from companion.config.sim import NoiseSettings
 from companion.geometry import rotation
@@ -160,7 +160,7 @@ class SensorRig:
         return np.asarray(self._caster.cast(origins, directions), np.float64)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _spoil(
     depth: NDArray[np.float32], spread: NDArray[np.float32], dropped: NDArray[np.int64], noise_per_m2: float
 ) -> None:
@@ -175,7 +175,7 @@ def _spoil(
         z[i] = np.nan
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _hide_near(depth: NDArray[np.float32], min_range_m: float) -> None:
     for v in range(depth.shape[0]):
         for u in range(depth.shape[1]):

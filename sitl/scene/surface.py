@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from sitl.mines.model import World
 
 Array = NDArray[np.float64]
@@ -82,7 +82,7 @@ def surface_samples(world: World, voxel_m: float, surroundings: Surroundings | N
     return points[_central(points, order, starts, counts)], (counts * (voxel_m**2 / _DENSITY)).astype(np.float32)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _covering(
     corners: Array,
     reached: NDArray[np.int64],
@@ -120,7 +120,7 @@ def _covering(
     return found
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _central(
     points: Points, order: NDArray[np.int64], starts: NDArray[np.int64], counts: NDArray[np.int64]
 ) -> NDArray[np.int64]:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from datetime import date
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from companion.mapping.files.errors import MapFileError
 from companion.mapping.voxels.chunks import EDGE, NOTHING, OFFSETS
 from companion.mapping.voxels.piece import MapSource
@@ -110,7 +110,7 @@ def probabilities(values: NDArray[np.int16]) -> NDArray[np.float32]:
     return np.asarray(1.0 / (1.0 + np.exp(values * -0.001)), np.float32)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _look(chunks: NDArray[np.int32], values: NDArray[np.int16], threshold: int, bounds: NDArray[np.int64]) -> int:
     """Widen ``bounds`` to these chunks; how many of their voxels are occupied.
 
@@ -139,7 +139,7 @@ def _look(chunks: NDArray[np.int32], values: NDArray[np.int16], threshold: int, 
     return occupied
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _occupied(
     chunks: NDArray[np.int32], values: NDArray[np.int16], threshold: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int16]]:

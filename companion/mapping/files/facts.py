@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from companion.mapping.files.surface_area import SurfaceArea
 from companion.mapping.voxels.chunks import EDGE, NOTHING, OFFSETS, VOLUME
 from companion.mapping.voxels.piece import MapSource
@@ -84,7 +84,7 @@ def facts_of(source: MapSource, progress: Callable[[int], None] = lambda _: None
     )
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _count(
     chunks: NDArray[np.int32],
     values: NDArray[np.int16],

@@ -10,9 +10,9 @@ rule: marching cubes would need all eight voxels of a cell known, and the far si
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled, compiled_unchecked
 from companion.mapping.voxels.chunks import EDGE, NOTHING, VOLUME, place_of
 from companion.model import FloatArray
 
@@ -40,7 +40,7 @@ _PLACES = _places()
 """(16, 16, 16) the place in its chunk of the voxel with these coordinates there."""
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def gather(stored: NDArray[np.int16], rows: NDArray[np.int32], values: NDArray[np.int16]) -> None:
     """Fill ``values`` (18, 18, 18) with a chunk's voxels and one more on each side.
 
@@ -60,13 +60,13 @@ def gather(stored: NDArray[np.int16], rows: NDArray[np.int32], values: NDArray[n
                     values[x, y, z] = stored[row, _PLACES[(x - 1) % EDGE, (y - 1) % EDGE, (z - 1) % EDGE]]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _crosses(a: int, b: int, threshold: int) -> bool:
     """Whether the surface is between two voxels: one is free, the other occupied."""
     return bool((a < 0 and a != NOTHING and b >= threshold) or (b < 0 and b != NOTHING and a >= threshold))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled_unchecked
 def vertex_of(
     values: NDArray[np.int16], cell: tuple[int, int, int], threshold: int, shift: float, vertex: FloatArray
 ) -> bool:
@@ -101,7 +101,7 @@ def vertex_of(
     return crossings > 0
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def mark_cells(
     stored: NDArray[np.int16], rows: NDArray[np.int32], threshold: int, bits: NDArray[np.uint64]
 ) -> NDArray[np.int64]:
@@ -130,7 +130,7 @@ def mark_cells(
     return counts
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _ones(word: np.uint64) -> int:
     """How many bits are set."""
     word = word - (word >> np.uint64(1) & np.uint64(0x5555555555555555))
@@ -139,7 +139,7 @@ def _ones(word: np.uint64) -> int:
     return int(word * np.uint64(0x0101010101010101) >> np.uint64(56))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _number_of(
     cell: tuple[int, int, int], owners: NDArray[np.int32], bits: NDArray[np.uint64], first: NDArray[np.int64]
 ) -> int:
@@ -154,7 +154,7 @@ def _number_of(
     return int(number + _ones(bits[owner, at >> 6] & below))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _area_squared(a: NDArray[np.float32], b: NDArray[np.float32], c: NDArray[np.float32]) -> float:
     """Four times the square of a triangle's area."""
     ux, uy, uz = float(b[0]) - a[0], float(b[1]) - a[1], float(b[2]) - a[2]
@@ -162,7 +162,7 @@ def _area_squared(a: NDArray[np.float32], b: NDArray[np.float32], c: NDArray[np.
     return float((uy * vz - uz * vy) ** 2 + (uz * vx - ux * vz) ** 2 + (ux * vy - uy * vx) ** 2)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def make_surface(
     stored: NDArray[np.int16],
     rows: NDArray[np.int32],
@@ -235,7 +235,7 @@ def make_surface(
     return n_vertices, n_triangles
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _split(
     corners: NDArray[np.float32],
     around: NDArray[np.int64],

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from companion.mapping.files.errors import MapFileError
 from companion.mapping.files.export import Export, Progress, writable
 from companion.mapping.files.octree_nodes import (
@@ -139,7 +139,7 @@ def _encoded(export: Export, spool: Spool, progress: Progress, *, full: bool) ->
     return _Roots(codes[numbers], np.concatenate(values)[numbers], every_kind[numbers], numbers), total
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _decided(values: NDArray[np.int16], threshold: int) -> NDArray[np.int16]:
     """The leaves of a binary tree, from log-odds: what is not decided is no leaf."""
     leaves = np.full(values.shape, NOTHING, np.int16)

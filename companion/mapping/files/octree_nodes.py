@@ -7,9 +7,9 @@ Nodes of a chunk are numbered from its root downwards, level by level, so that t
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from companion.mapping.voxels.chunks import NOTHING, SHIFT, VOLUME
 
 NO_NODE, LEAF, INNER = np.uint8(0), np.uint8(1), np.uint8(2)
@@ -29,7 +29,7 @@ FREE_LEAF, OCCUPIED_LEAF = np.int16(1), np.int16(2)
 _INNER_BITS = 3
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def joined(
     values: NDArray[np.int16], kinds: NDArray[np.uint8], first: int, value: NDArray[np.int16], kind: NDArray[np.uint8]
 ) -> None:
@@ -48,7 +48,7 @@ def joined(
         kind[0] = LEAF
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def binary_word(values: NDArray[np.int16], kinds: NDArray[np.uint8], first: int) -> int:
     """Two bits for each of eight children, the first one lowest: 0 nothing, 1 free, 2 occupied, 3 has children."""
     word = 0
@@ -60,7 +60,7 @@ def binary_word(values: NDArray[np.int16], kinds: NDArray[np.uint8], first: int)
     return word
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def children_bits(kinds: NDArray[np.uint8], first: int) -> int:
     """One bit for each of eight children, the first one lowest, set where there is one."""
     bits = 0
@@ -69,7 +69,7 @@ def children_bits(kinds: NDArray[np.uint8], first: int) -> int:
     return bits
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def encode_chunks(
     leaves: NDArray[np.int16], full: bool, data: NDArray[np.uint8], ends: NDArray[np.int64], nodes: NDArray[np.int64]
 ) -> tuple[NDArray[np.int16], NDArray[np.uint8]]:

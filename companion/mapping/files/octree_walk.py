@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from companion.mapping.files.octree import CHUNK_LEVEL, LEVELS
 from companion.mapping.files.octree_nodes import BINARY_NODE_BYTES, FULL_NODE_BYTES
 from companion.mapping.voxels.chunks import VOLUME
@@ -49,14 +49,14 @@ def room_for(size_bytes: int) -> Found:
     return Found(np.empty(most, np.int64), np.empty(most, np.uint8), np.empty(most, np.int64), np.empty(most, np.int16))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def thousandths(log_odds: float) -> np.int16:
     """Log-odds in thousandths; what is free, however little, stays free."""
     value = round(max(min(1000.0 * log_odds, 32767.0), -32767.0))
     return np.int16(-1 if log_odds < 0.0 and value == 0 else value)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def walk(
     data: NDArray[np.uint8], offset: int, full: bool, waiting: NDArray[np.int64], state: NDArray[np.int64], found: Found
 ) -> tuple[int, int]:
@@ -124,7 +124,7 @@ def walk(
     return at, entries
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def decode_chunk(data: NDArray[np.uint8], at: int, full: bool, values: NDArray[np.int16]) -> bool:
     """Fill ``values`` (4096,) from the nodes of one chunk, from ``at`` on; whether they are all there.
 

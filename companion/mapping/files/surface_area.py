@@ -8,9 +8,9 @@ area is the length of that vector. Edges inside a cube come out smaller than the
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from companion.mapping.journal.rows import keys_of
 from companion.mapping.voxels.chunks import EDGE, NOTHING, OFFSETS, VOLUME
 
@@ -59,7 +59,7 @@ class SurfaceArea:
         return _total(faces)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _count_inside(
     values: NDArray[np.int16],
     threshold: int,
@@ -112,12 +112,12 @@ def _count_inside(
                     faces[row, brick, 2] += (z > 0 and state[x, y, z - 1] < 0) + (z < 15 and state[x, y, z + 1] < 0)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _brick(x: int, y: int, z: int) -> int:
     return 16 * (x >> 2) + 4 * (y >> 2) + (z >> 2)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _count_between(
     faces: NDArray[np.uint8],
     occupied: NDArray[np.uint16],
@@ -138,14 +138,14 @@ def _count_between(
                     faces[upper[n], _brick_at_side(axis, 0, a, b), axis] += 1
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _brick_at_side(axis: int, at: int, a: int, b: int) -> int:
     if axis == 0:
         return _brick(at, a, b)
     return _brick(a, at, b) if axis == 1 else _brick(a, b, at)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _total(faces: NDArray[np.uint8]) -> float:
     total = 0.0
     for row in range(faces.shape[0]):

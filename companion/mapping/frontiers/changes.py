@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from companion.mapping.frontiers.plan import TILE, Plan, first_sheet
 from companion.mapping.voxels.chunks import EDGE
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def cells_over(chunks: NDArray[np.int64], bricks: NDArray[np.uint64], stride: int) -> NDArray[np.int64]:
     """The cells of the plan over bricks that changed, both coordinates in one number, some of them twice.
 
@@ -39,7 +39,7 @@ def cells_over(chunks: NDArray[np.int64], bricks: NDArray[np.uint64], stride: in
     return cells[:count]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def touch_under(plan: Plan, cells: NDArray[np.int64], touched: NDArray[np.bool_]) -> None:
     """Mark the tiles of cells (n, 2)."""
     for n in range(cells.shape[0]):
@@ -48,7 +48,7 @@ def touch_under(plan: Plan, cells: NDArray[np.int64], touched: NDArray[np.bool_]
             touched[sheet] = True
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def tiles_around(plan: Plan, touched: NDArray[np.bool_], rim: int) -> NDArray[np.bool_]:
     """The tiles that are touched and those up to ``rim`` tiles from one, each by its first sheet."""
     wide = touched.copy()

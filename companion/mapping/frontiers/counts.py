@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from companion.mapping.frontiers.plan import CELLS, MISSING, SEEN, Plan, is_node, kind_of
 from companion.mapping.voxels.lookup import FREE, UNKNOWN
 
@@ -17,7 +17,7 @@ FREE_CELLS, SURFACES_SEEN, SURFACES_MISSING, UNKNOWN_CELLS, FRONTIER_CELLS, REAC
 cells unknown; of these, cells of frontiers; cells that can be got to. `count_tiles` counts the first four."""
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def count_tiles(plan: Plan, tiles: NDArray[np.bool_], counts: NDArray[np.int32]) -> None:
     """Count the first four for some tiles, given by their first sheets."""
     for first in range(plan.used[0]):

@@ -9,10 +9,9 @@ else. Whatever the order in which the map became known, the plan is the same.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from companion.mapping.frontiers.compiled import inner
+from companion.compiled import compiled, inner
 from companion.mapping.frontiers.flood_order import RANK_OF_SIDES, entered_from_mm, is_before, is_taken
 from companion.mapping.frontiers.flood_removal import remove
 from companion.mapping.frontiers.flood_work import Work, touch, wait
@@ -33,7 +32,7 @@ from companion.mapping.voxels.chunks import Integer
 from companion.mapping.voxels.lookup import FREE, UNKNOWN
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def follow_map(work: Work, cells: NDArray[np.int64]) -> None:
     """Bring the plan up to date where the map has changed.
 
@@ -46,7 +45,7 @@ def follow_map(work: Work, cells: NDArray[np.int64]) -> None:
     _settle(work)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def add_flown(work: Work, places: NDArray[np.int64]) -> NDArray[np.int64]:
     """Have the flood begin at places where the vehicle was too.
 
@@ -64,7 +63,7 @@ def add_flown(work: Work, places: NDArray[np.int64]) -> NDArray[np.int64]:
     return nodes
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def remove_flown(work: Work, node: Integer) -> None:
     """Have the flood begin no longer at a node that `add_flown` made."""
     remove(work, node)

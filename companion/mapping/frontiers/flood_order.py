@@ -7,7 +7,7 @@ cell in the circle around it; what lies beside a free node has `RANK_OF_SIDES` a
 
 from __future__ import annotations
 
-from companion.mapping.frontiers.compiled import inner
+from companion.compiled import inner
 from companion.mapping.frontiers.plan import CELLS, Plan, first_sheet, is_node, on_tile
 from companion.mapping.frontiers.plan_shape import Shape
 from companion.mapping.voxels.chunks import Integer

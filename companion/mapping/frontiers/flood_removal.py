@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.mapping.frontiers.compiled import inner
+from companion.compiled import inner
 from companion.mapping.frontiers.flood_order import RANK_OF_SIDES, entered_from_mm, is_before
 from companion.mapping.frontiers.flood_work import Work, touch, wait
 from companion.mapping.frontiers.flown import flown_around

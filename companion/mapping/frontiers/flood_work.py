@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mapping.frontiers.compiled import inner
+from companion.compiled import inner
 from companion.mapping.frontiers.plan import Plan, first_sheet
 from companion.mapping.frontiers.plan_shape import Shape
 from companion.mapping.frontiers.state_grid import Grid

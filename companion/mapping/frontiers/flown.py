@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from companion.mapping.frontiers.compiled import inner
+from companion.compiled import compiled, inner
 from companion.mapping.frontiers.plan import CELLS, FLOWN, Plan, first_sheet, is_node, on_tile
 from companion.mapping.frontiers.state_grid import slot_of
 from companion.mapping.voxels.chunks import Integer, chunk_key
@@ -70,7 +69,7 @@ def _flown_on(plan: Plan, i: Integer, j: Integer, after: Integer) -> int:
     return -1
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def flown_at(plan: Plan, i: Integer, j: Integer, height_mm: Integer, level_mm: Integer) -> int:
     """The node on cell (i, j) where the vehicle was at about this height, or -1."""
     node = _flown_on(plan, i, j, -1)

@@ -9,10 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from companion.mapping.frontiers.compiled import inner
+from companion.compiled import compiled, inner
 from companion.mapping.frontiers.counts import FRONTIER_CELLS
 from companion.mapping.frontiers.frontier import LEAST_FRONTIER_M, Access, Frontier
 from companion.mapping.frontiers.plan import (
@@ -40,7 +39,7 @@ _JOIN_CELLS = 2
 """Frontier cells this far apart still belong together: noise interrupts a line."""
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def mark_frontiers(
     plan: Plan, s: Shape, tiles: NDArray[np.bool_], was: NDArray[np.uint64], look_cells: int, counts: NDArray[np.int32]
 ) -> None:
@@ -88,7 +87,7 @@ def _is_seen(plan: Plan, s: Shape, node: Integer, was: NDArray[np.uint64], look_
     return False
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def clusters(
     plan: Plan, s: Shape, counts: NDArray[np.int32], was: NDArray[np.uint64], away_m: FloatArray
 ) -> tuple[NDArray[np.int64], FloatArray]:

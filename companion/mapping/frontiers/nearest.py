@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from companion.mapping.frontiers.compiled import inner
+from companion.compiled import compiled, inner
 from companion.mapping.frontiers.state_grid import Grid, StateGrid, brick_words, has, row_of
 from companion.mapping.voxels.chunks import EDGE, OFFSETS, place_of
 from companion.model import FloatArray
@@ -47,7 +46,7 @@ def _distances_m(known: StateGrid, points: NDArray[np.floating], most_m: float, 
     return np.minimum(distances * known.voxel_m, most_m)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _distances(grid: Grid, places: FloatArray, most: float, unknown_too: bool) -> FloatArray:
     distances = np.empty(places.shape[0])
     for n in range(places.shape[0]):

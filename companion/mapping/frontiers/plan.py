@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mapping.frontiers.compiled import inner
+from companion.compiled import inner
 from companion.mapping.frontiers.plan_shape import Shape
 from companion.mapping.frontiers.state_grid import Grid, brick_words, has, row_of, slot_of
 from companion.mapping.voxels.chunks import MASK, SHIFT, Integer, chunk_key, place_of

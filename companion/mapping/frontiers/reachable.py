@@ -7,10 +7,9 @@ Each sheet is divided into the parts that hang together, again only where someth
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from companion.mapping.frontiers.compiled import inner
+from companion.compiled import compiled, inner
 from companion.mapping.frontiers.counts import REACHED_CELLS
 from companion.mapping.frontiers.plan import (
     BLOCKED,
@@ -38,7 +37,7 @@ def is_way(plan: Plan, node: Integer) -> bool:
     return bool(is_node(plan, node) and kind_of(plan, node) == FREE and (flags & FLOWN or not flags & BLOCKED))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def part_sheets(plan: Plan, s: Shape, tiles: NDArray[np.bool_]) -> None:
     """Number the parts of each sheet that hang together and where the vehicle can be."""
     waiting = np.empty(CELLS, np.int64)
@@ -71,7 +70,7 @@ def part_sheets(plan: Plan, s: Shape, tiles: NDArray[np.bool_]) -> None:
             sheet = int(plan.others[sheet])
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def reached_parts(
     plan: Plan, s: Shape, start: NDArray[np.int64], flown: NDArray[np.int64], away_m: FloatArray, tile_m: float
 ) -> NDArray[np.bool_]:
@@ -139,7 +138,7 @@ def reached_parts(
     return found
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def count_reached(
     plan: Plan, found: NDArray[np.bool_], was: NDArray[np.uint64], tiles: NDArray[np.bool_], counts: NDArray[np.int32]
 ) -> None:

@@ -15,10 +15,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from companion.mapping.frontiers.compiled import inner
+from companion.compiled import compiled, inner
 from companion.mapping.frontiers.state_grid import Grid, StateGrid, brick_words, has, row_of
 from companion.mapping.voxels.chunks import Integer, place_of
 from companion.model import FloatArray
@@ -99,7 +98,7 @@ def sights(
     return verdicts, (begins + shares[:, np.newaxis] * (ends - begins)) * known.voxel_m
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _followed(grid: Grid, begins: NDArray[np.int64], ends: NDArray[np.int64]) -> tuple[NDArray[np.uint8], FloatArray]:
     verdicts = np.empty(begins.shape[0], np.uint8)
     shares = np.empty(begins.shape[0])

@@ -10,10 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple, Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from companion.mapping.frontiers.compiled import inner
+from companion.compiled import compiled, inner
 from companion.mapping.voxels.chunks import CHUNK_LIMIT, EDGE, MASK, SHIFT, Integer, chunk_key, place_of
 from companion.mapping.voxels.lookup import FREE, OCCUPIED, UNKNOWN, states_of
 from companion.mapping.voxels.piece import MapPiece, MapSource
@@ -143,7 +142,7 @@ def state_at(grid: Grid, x: Integer, y: Integer, z: Integer) -> np.uint8:
     return OCCUPIED if has(occupied, bit) else FREE if has(free, bit) else UNKNOWN
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _states_at(grid: Grid, voxels: NDArray[np.int64]) -> NDArray[np.uint8]:
     states = np.empty(voxels.shape[0], np.uint8)
     for n in range(voxels.shape[0]):
@@ -151,7 +150,7 @@ def _states_at(grid: Grid, voxels: NDArray[np.int64]) -> NDArray[np.uint8]:
     return states
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _index(
     keys: NDArray[np.int64], rows: NDArray[np.int32], old: NDArray[np.int64], old_rows: NDArray[np.int32]
 ) -> None:
@@ -166,7 +165,7 @@ def _room(bricks: int) -> int:
     return (bricks + _STEP - 1) // _STEP
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _put(
     grid: Grid, chunks: NDArray[np.int32], states: NDArray[np.uint8], done: int, changed: NDArray[np.uint64]
 ) -> int:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from companion.mapping.frontiers.compiled import inner
+from companion.compiled import compiled, inner
 from companion.mapping.frontiers.plan import (
     AT_WALL,
     BLOCKED,
@@ -30,7 +29,7 @@ from companion.mapping.voxels.chunks import Integer
 from companion.mapping.voxels.lookup import OCCUPIED, UNKNOWN
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def make_room_around(plan: Plan, touched: NDArray[np.bool_], rim: int) -> None:
     """Make the tiles into which unknown nodes of marked ones look for a wall, so that it is found there."""
     for first in range(plan.used[0]):
@@ -48,7 +47,7 @@ def make_room_around(plan: Plan, touched: NDArray[np.bool_], rim: int) -> None:
             sheet = int(plan.others[sheet])
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def probe(
     grid: Grid, plan: Plan, s: Shape, tiles: NDArray[np.bool_], circle: NDArray[np.int64], unknown: NDArray[np.int32]
 ) -> None:
@@ -109,7 +108,7 @@ def _probe_cell(grid: Grid, plan: Plan, s: Shape, i: Integer, j: Integer, from_m
             plan.steps[node], plan.heights_mm[node], plan.kinds[node], plan.flags[node] = PROBE, height_mm, OCCUPIED, 0
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def mark_near(plan: Plan, s: Shape, tiles: NDArray[np.bool_], blocked_cells: float, wall_cells: float) -> None:
     """Mark the nodes near obstacles: `BLOCKED` and `AT_WALL`.
 

@@ -14,9 +14,9 @@ So a brick takes 1 or 3 bytes where nothing changes, which is most of a map, and
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from companion.mapping.voxels.chunks import NOTHING, VOLUME
 
 _BRICK = 64
@@ -30,7 +30,7 @@ MOST_BYTES = _BRICKS * (1 + 2 * _BRICK)
 """No chunk takes more."""
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def encode(values: NDArray[np.int16], out: NDArray[np.uint8], gap: int) -> NDArray[np.int64]:
     """Write chunks as bytes, one behind the other.
 
@@ -52,7 +52,7 @@ def encode(values: NDArray[np.int16], out: NDArray[np.uint8], gap: int) -> NDArr
     return sizes
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _encode_chunk(chunk: NDArray[np.int16], out: NDArray[np.uint8], at: int) -> int:
     last = NOTHING
     for brick in range(_BRICKS):
@@ -69,7 +69,7 @@ def _encode_chunk(chunk: NDArray[np.int16], out: NDArray[np.uint8], at: int) -> 
     return at
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _encode_brick(voxels: NDArray[np.int16], out: NDArray[np.uint8], at: int) -> int:
     found = np.empty(_MOST_VALUES, np.int16)
     numbers = np.empty(_BRICK, np.uint8)
@@ -104,7 +104,7 @@ def _encode_brick(voxels: NDArray[np.int16], out: NDArray[np.uint8], at: int) ->
     return at
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _encode_plain(voxels: NDArray[np.int16], out: NDArray[np.uint8], at: int) -> int:
     out[at] = _PLAIN
     at += 1
@@ -113,14 +113,14 @@ def _encode_plain(voxels: NDArray[np.int16], out: NDArray[np.uint8], at: int) ->
     return at
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _put(out: NDArray[np.uint8], at: int, value: np.int16) -> int:
     out[at] = value & 255
     out[at + 1] = (value >> 8) & 255
     return at + 2
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _bits_for(count: int) -> int:
     """Bits that hold the numbers 0 .. count - 1; 64 voxels of them are whole bytes, whatever it is."""
     width = 1
@@ -129,7 +129,7 @@ def _bits_for(count: int) -> int:
     return width
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def decode(data: NDArray[np.uint8], starts: NDArray[np.int64], values: NDArray[np.int16]) -> NDArray[np.bool_]:
     """Fill in chunks from bytes. Whatever the bytes are, nothing else is read or written.
 
@@ -147,7 +147,7 @@ def decode(data: NDArray[np.uint8], starts: NDArray[np.int64], values: NDArray[n
     return valid
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _decode_chunk(data: NDArray[np.uint8], chunk: NDArray[np.int16]) -> bool:
     last = NOTHING
     at = 0
@@ -178,7 +178,7 @@ def _decode_chunk(data: NDArray[np.uint8], chunk: NDArray[np.int16]) -> bool:
     return bool(at == data.shape[0])
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _decode_brick(data: NDArray[np.uint8], count: int, width: int, voxels: NDArray[np.int16]) -> bool:
     bits, held, at = 0, 0, 2 * count
     for n in range(_BRICK):
@@ -195,6 +195,6 @@ def _decode_brick(data: NDArray[np.uint8], count: int, width: int, voxels: NDArr
     return True
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _get(data: NDArray[np.uint8], at: int) -> np.int16:
     return np.int16(np.uint16(data[at]) | np.uint16(data[at + 1]) << np.uint16(8))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from companion.mapping.journal.rows import ChunkRows
 from companion.mapping.journal.segment import Segment
 
@@ -87,7 +87,7 @@ def place_of_record(segment: Segment, offset: int) -> int:
     return (segment.number << _OFFSET_BITS) | offset
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _replace(
     places: NDArray[np.int64],
     sizes: NDArray[np.int64],

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TypeVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from companion.mapping.voxels.chunks import CHUNK_LIMIT, EMPTY, chunk_key, row_of_key, slot_of
 
 Number = TypeVar("Number", bound=np.generic)
@@ -26,7 +26,7 @@ def plain(array: NDArray[Number], dtype: type[Number]) -> NDArray[Number]:
     return np.require(array, dtype, ["C", "A", "W"])
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _keys_of(chunks: NDArray[np.int32]) -> NDArray[np.int64]:
     keys = np.empty(chunks.shape[0], np.int64)
     for n in range(chunks.shape[0]):
@@ -95,7 +95,7 @@ class ChunkRows:
         _add(self._hash_keys, self._hash_rows, self._keys, 0, self._keys[: self._size].copy())
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _find(hash_keys: NDArray[np.int64], hash_rows: NDArray[np.int32], keys: NDArray[np.int64]) -> NDArray[np.int64]:
     rows = np.empty(keys.shape[0], np.int64)
     for n in range(keys.shape[0]):
@@ -103,7 +103,7 @@ def _find(hash_keys: NDArray[np.int64], hash_rows: NDArray[np.int32], keys: NDAr
     return rows
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _add(
     hash_keys: NDArray[np.int64],
     hash_rows: NDArray[np.int32],

@@ -7,9 +7,9 @@ are handed over one by one, for the reason given in `store.store_brick`.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from companion.mapping.voxels.chunks import BRICK, NOTHING
 
 HITS, LOWERED, CHANGED = 0, 1, 2
@@ -18,13 +18,13 @@ HITS, LOWERED, CHANGED = 0, 1, 2
 _ZERO = np.int16(0)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def lowered(value: np.int16, miss: np.int16, lowest: np.int16) -> np.int16:
     """The value of a voxel after one miss."""
     return max(np.int16((_ZERO if value == NOTHING else value) + miss), lowest)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def lower(
     old: NDArray[np.int16], seen: NDArray[np.int16], miss: np.int16, lowest: np.int16, new: NDArray[np.int16]
 ) -> None:
@@ -42,14 +42,14 @@ def lower(
         new[n] = lowered(value, miss, lowest) if seen[n] != _ZERO else value
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def spread(hit: np.uint64, hits: NDArray[np.int16]) -> None:
     """Fill in ``hits`` (64,): 1 for each bit that is set, else 0."""
     for n in range(BRICK):
         hits[n] = np.int16((hit >> np.uint64(n)) & np.uint64(1))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def raise_(
     old: NDArray[np.int16],
     hits: NDArray[np.int16],
@@ -72,7 +72,7 @@ def raise_(
         new[n] = risen if hits[n] != _ZERO else new[n]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def compared(
     old: NDArray[np.int16], new: NDArray[np.int16], hits: NDArray[np.int16]
 ) -> tuple[np.int16, np.int16, np.int16]:

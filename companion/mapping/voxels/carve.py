@@ -7,9 +7,9 @@ the surface or outside the image is left alone, one that is clear everywhere nee
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled, compiled_unchecked
 from companion.mapping.voxels.chunks import BRICK, OFFSETS
 from companion.mapping.voxels.depth_image import LEVELS, TILE_PX
 from companion.mapping.voxels.view import Projection
@@ -20,7 +20,7 @@ UNSEEN, CLEAR, MIXED = 0, 1, 2
 _NEARLY_ZERO_M = 1e-6
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled_unchecked
 def judge(
     least_m: NDArray[np.float32], most_m: NDArray[np.float32], p: Projection, i: int, j: int, k: int, edge: int
 ) -> int:
@@ -80,7 +80,7 @@ def judge(
     return CLEAR if inside and farthest < least else MIXED
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def offsets_of(p: Projection) -> NDArray[np.float32]:
     """(3, 64) what is added to depth, right and down of a brick's lowest voxel for each of its voxels."""
     x, y, z = OFFSETS[:BRICK, 0], OFFSETS[:BRICK, 1], OFFSETS[:BRICK, 2]
@@ -91,7 +91,7 @@ def offsets_of(p: Projection) -> NDArray[np.float32]:
     return offsets
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled_unchecked
 def look_through(
     clear_m: NDArray[np.float32],
     p: Projection,

@@ -12,9 +12,9 @@ from __future__ import annotations
 from typing import NamedTuple, cast
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from companion.mapping.voxels.chunks import (
     BRICK,
     EMPTY,
@@ -62,32 +62,32 @@ class Table(NamedTuple):
     used: NDArray[np.int64]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def code_of(value: Integer) -> int:
     """The code of a brick whose voxels all have this value."""
     return _ALIKE - int(value)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def shared_value(code: Integer) -> int:
     """The value that all voxels of a brick have; its code is below zero."""
     return _ALIKE - int(code)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def find_row(table: Table, x: Integer, y: Integer, z: Integer) -> int:
     """The row of a chunk, or -1 when the map has none there."""
     return row_of_key(table.keys, table.rows, chunk_key(x, y, z))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def has_room(table: Table) -> bool:
     """Whether one more chunk fits, whatever it holds: `Store.grow` makes room."""
     left = table.voxels.shape[0] - table.used[BRICKS] + table.used[SPARE]
     return bool(table.used[CHUNKS] < table.coords.shape[0] and left >= WORDS)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def next_row(table: Table, x: Integer, y: Integer, z: Integer) -> int:
     """A row for a chunk that has none, wholly unknown, not yet in the table: `keep_row` puts it there."""
     row = int(table.used[CHUNKS])
@@ -99,7 +99,7 @@ def next_row(table: Table, x: Integer, y: Integer, z: Integer) -> int:
     return row
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def keep_row(table: Table) -> None:
     """Put the row of the last `next_row` into the table."""
     row = int(table.used[CHUNKS])
@@ -110,7 +110,7 @@ def keep_row(table: Table) -> None:
     table.used[CHUNKS] = row + 1
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def take_brick(spare: NDArray[np.int32], used: NDArray[np.int64]) -> int:
     """A brick of the pool; its voxels are whatever they were."""
     if used[SPARE]:
@@ -120,14 +120,14 @@ def take_brick(spare: NDArray[np.int32], used: NDArray[np.int64]) -> int:
     return int(used[BRICKS] - 1)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def give_back(spare: NDArray[np.int32], used: NDArray[np.int64], brick: Integer) -> None:
     """A brick is not needed any more."""
     spare[used[SPARE]] = brick
     used[SPARE] += 1
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def is_alike(values: NDArray[np.int16]) -> bool:
     """Whether all voxels of a brick have one value."""
     other = np.int16(0)
@@ -136,7 +136,7 @@ def is_alike(values: NDArray[np.int16]) -> bool:
     return bool(other == 0)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def store_brick(
     codes: NDArray[np.int32],
     voxels: NDArray[np.int16],
@@ -167,7 +167,7 @@ def store_brick(
         voxels[brick, n] = values[n]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def load_brick(voxels: NDArray[np.int16], code: Integer, values: NDArray[np.int16]) -> None:
     """Fill in ``values`` (64,) with the voxels of a brick."""
     if code >= 0:
@@ -180,7 +180,7 @@ def load_brick(voxels: NDArray[np.int16], code: Integer, values: NDArray[np.int1
             values[n] = value
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def load_rows(table: Table, rows: NDArray[np.int64]) -> NDArray[np.int16]:
     """(n, 4096) the voxels of the chunks in ``rows`` (n,), in Morton order; unknown for row -1."""
     values = np.full((rows.shape[0], WORDS * BRICK), NOTHING)
@@ -191,7 +191,7 @@ def load_rows(table: Table, rows: NDArray[np.int64]) -> NDArray[np.int16]:
     return values
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def find_rows(table: Table, chunks: NDArray[np.int32]) -> NDArray[np.int64]:
     """(n,) the row of each of ``chunks`` (n, 3), -1 where the map has none."""
     rows = np.empty(chunks.shape[0], np.int64)
@@ -200,7 +200,7 @@ def find_rows(table: Table, chunks: NDArray[np.int32]) -> NDArray[np.int64]:
     return rows
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def store_rows(table: Table, chunks: NDArray[np.int32], values: NDArray[np.int16], start: int, revision: int) -> int:
     """Make chunks what ``values`` (n, 4096) say from number ``start`` on, as far as there is room.
 
@@ -222,7 +222,7 @@ def store_rows(table: Table, chunks: NDArray[np.int32], values: NDArray[np.int16
     return int(chunks.shape[0])
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def forget_rows(table: Table, chunks: NDArray[np.int32]) -> None:
     """Take those of ``chunks`` (n, 3) that the map has out of it. The last row moves to where a gap came to be."""
     for number in range(chunks.shape[0]):
@@ -244,7 +244,7 @@ def forget_rows(table: Table, chunks: NDArray[np.int32]) -> None:
         table.used[CHUNKS] = last
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _index_rows(table: Table) -> None:
     """Fill an empty hash table from the rows in use."""
     for row in range(table.used[CHUNKS]):

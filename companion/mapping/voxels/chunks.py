@@ -13,8 +13,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from companion.compiled import compiled
 
 Integer = int | np.integer[Any]
 """What compiled functions take as an integer, whoever calls them."""
@@ -50,7 +51,7 @@ _GOLDEN = -7046029254386353131
 """2^64 divided by the golden ratio, as int64: spreads neighbouring keys over the table."""
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def place_of(x: Integer, y: Integer, z: Integer) -> Integer:
     """Place in the chunk of the voxel whose coordinates there, each in [0, 16), are x, y, z."""
     x = (x | x << 4) & 0x0C3
@@ -73,13 +74,13 @@ OFFSETS = _offsets()
 """(4096, 3) coordinates in its chunk of the voxel at each place: the inverse of `place_of`."""
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def chunk_key(x: Integer, y: Integer, z: Integer) -> Integer:
     """One int64 for three chunk coordinates."""
     return ((x + CHUNK_LIMIT) << 42) | ((y + CHUNK_LIMIT) << 21) | (z + CHUNK_LIMIT)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def home_of(keys: NDArray[np.int64], key: Integer) -> int:
     """Where in the hash table, whose size is a power of two, the search for a key begins."""
     # Twice, because x is in the highest bits of the key, and one product carries bits only upwards.
@@ -88,7 +89,7 @@ def home_of(keys: NDArray[np.int64], key: Integer) -> int:
     return int((mixed ^ (mixed >> 32)) & (keys.shape[0] - 1))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def slot_of(keys: NDArray[np.int64], key: Integer) -> int:
     """Where ``key`` is in the table, or the empty place where it belongs."""
     mask = keys.shape[0] - 1
@@ -98,14 +99,14 @@ def slot_of(keys: NDArray[np.int64], key: Integer) -> int:
     return slot
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def row_of_key(keys: NDArray[np.int64], rows: NDArray[np.int32], key: Integer) -> int:
     """The row of the chunk with this key, or -1 when the map has none there."""
     slot = slot_of(keys, key)
     return int(rows[slot]) if keys[slot] == key else -1
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def forget_key(keys: NDArray[np.int64], rows: NDArray[np.int32], key: Integer) -> None:
     """Take a key that is there out of the table, and close the gap: those behind it move up to where they belong."""
     mask = keys.shape[0] - 1

@@ -6,8 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from companion.compiled import compiled, compiled_unchecked
 
 TILE_PX = 8
 """Edge of the smallest tile."""
@@ -44,7 +45,7 @@ def hole_depth_m(voxel_m: float, focal_px: float) -> float:
     return voxel_m / 2.0 * focal_px / _BESIDE_PX
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled_unchecked
 def clear_depth(
     depth_m: NDArray[np.float32],
     lowest_m: float,
@@ -113,7 +114,7 @@ def clear_depth(
     return ClearDepth(clear.ravel(), least, most)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _put_tiles(
     low: NDArray[np.float32], high: NDArray[np.float32], least: NDArray[np.float32], most: NDArray[np.float32]
 ) -> None:
@@ -125,7 +126,7 @@ def _put_tiles(
             low[u], high[u] = np.float32(np.inf), np.float32(0.0)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _halve(
     fine_least: NDArray[np.float32],
     fine_most: NDArray[np.float32],

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled
 from companion.mapping.voxels.chunks import NOTHING
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def add_log_odds(ours: NDArray[np.int16], theirs: NDArray[np.int16], lowest: int, highest: int) -> None:
     """Add ``theirs`` to ``ours``, and clamp; `NOTHING` adds nothing, and stays where neither knows anything.
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled, compiled_unchecked
 from companion.mapping.voxels.chunk_table import CHUNKS, Table, find_row, shared_value
 from companion.mapping.voxels.chunks import (
     EDGE,
@@ -44,14 +44,14 @@ _WORD = np.array([int(place_of.py_func(x, 0, 0)) >> 6 for x in range(EDGE)])
 """(16,) the part of a word's number that follows from x; those from y and z are shifted by one and two more."""
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _state(value: int, threshold: int) -> np.uint8:
     if value >= threshold:
         return OCCUPIED
     return FREE if value < 0 and value != NOTHING else UNKNOWN
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def states_of(values: NDArray[np.int16], threshold: int) -> NDArray[np.uint8]:
     """The state of each of ``values``, (n, 4096) as they are."""
     states = np.empty(values.shape, np.uint8)
@@ -61,7 +61,7 @@ def states_of(values: NDArray[np.int16], threshold: int) -> NDArray[np.uint8]:
     return states
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled_unchecked
 def states_at(table: Table, points: FloatArray, voxel_m: float, threshold: int) -> NDArray[np.uint8]:
     """The state of the voxel that holds each of ``points`` (n, 3), in m."""
     states = np.full(points.shape[0], UNKNOWN, np.uint8)
@@ -78,7 +78,7 @@ def states_at(table: Table, points: FloatArray, voxel_m: float, threshold: int) 
     return states
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def centres(chunks: NDArray[np.int32], states: NDArray[np.uint8], state: np.uint8, voxel_m: float) -> FloatArray:
     """(k, 3) centres in m of all voxels with one state.
 
@@ -99,7 +99,7 @@ def centres(chunks: NDArray[np.int32], states: NDArray[np.uint8], state: np.uint
     return points
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def occupied_bits(table: Table, threshold: int) -> NDArray[np.uint64]:
     """(rows in use, 64) one bit for each voxel of each chunk, set where it is occupied."""
     bits = np.zeros((table.used[CHUNKS], WORDS), np.uint64)
@@ -116,7 +116,7 @@ def occupied_bits(table: Table, threshold: int) -> NDArray[np.uint64]:
     return bits
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled_unchecked
 def near_occupied(table: Table, bits: NDArray[np.uint64], points: FloatArray, voxel_m: float) -> NDArray[np.bool_]:
     """Whether some voxel among the 27 around and at each of ``points`` (n, 3) is occupied.
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled, compiled_unchecked
 from companion.mapping.voxels.chunks import EDGE, MASK, SHIFT, VOLUME, WORDS, place_of
 from companion.mapping.voxels.view import Box, Rays
 
@@ -64,7 +64,7 @@ class Places(NamedTuple):
     z: NDArray[np.int64]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled_unchecked
 def mark_hits(depth_m: NDArray[np.float32], rays: Rays, box: Box) -> Marks:
     """The voxels that hold the end point of some pixel of a depth image.
 
@@ -91,7 +91,7 @@ def mark_hits(depth_m: NDArray[np.float32], rays: Rays, box: Box) -> Marks:
     return Marks(slots, bits, np.array([hit, clear, height * width - hit - clear], np.int64))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def doubled(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:
     """The same bits (n, 64) with room for as many again, all zero."""
     more = np.zeros((2 * bits.shape[0], WORDS), np.uint64)
@@ -99,7 +99,7 @@ def doubled(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:
     return more
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _places(box: Box) -> Places:
     x, y, z = np.arange(EDGE * box.size_x), np.arange(EDGE * box.size_y), np.arange(EDGE * box.size_z)
     for i in range(x.shape[0]):
@@ -111,7 +111,7 @@ def _places(box: Box) -> Places:
     return Places(x, y, z)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled_unchecked
 def _end_points(depths_m: NDArray[np.float32], v: int, rays: Rays, room: Room) -> tuple[int, int]:
     """Fill in the voxels of the end points of a row of pixels.
 
@@ -144,7 +144,7 @@ def _end_points(depths_m: NDArray[np.float32], v: int, rays: Rays, room: Room) -
     return hit, clear
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _pick(room: Room, v: int) -> int:
     """Fill in the pixels with an end point in another voxel than those to the left and above; how many these are.
 
@@ -166,7 +166,7 @@ def _pick(room: Room, v: int) -> int:
     return count
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _set_bits(
     room: Room, v: int, count: int, places: Places, slots: NDArray[np.int32], bits: NDArray[np.uint64], used: int
 ) -> int:

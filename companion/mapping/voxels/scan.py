@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled, compiled_unchecked
 from companion.geometry import rotation
 from companion.mapping.voxels.brick import CHANGED, HITS, LOWERED, compared, lower, raise_, spread
 from companion.mapping.voxels.chunk_table import Table, find_row, has_room, keep_row, load_brick, next_row, store_brick
@@ -76,7 +76,7 @@ def beams_of(scan: PlanarScan, voxel_m: float, max_range_m: float) -> tuple[Box,
     return box, Beams(start, directions, lengths_m / voxel_m, ranges_m[said] < limit_m)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled_unchecked
 def pass_beams(beams: Beams, box: Box) -> Passed:
     """Follow each beam from voxel to voxel (Amanatides and Woo 1987)."""
     chunks = box.size_x * box.size_y * box.size_z
@@ -122,7 +122,7 @@ def pass_beams(beams: Beams, box: Box) -> Passed:
     return Passed(slots, hits, seen)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def update_passed(
     table: Table, box: Box, start: int, passed: Passed, steps: Steps, revision: int, counts: NDArray[np.int64]
 ) -> int:

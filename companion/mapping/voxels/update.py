@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import compiled, compiled_unchecked
 from companion.mapping.voxels.brick import CHANGED, HITS, LOWERED, compared, lower, lowered, raise_, spread
 from companion.mapping.voxels.carve import CLEAR, MIXED, UNSEEN, judge, look_through, offsets_of
 from companion.mapping.voxels.chunk_table import (
@@ -30,7 +30,7 @@ _CELL_SHIFT = 2
 _UNJUDGED = -1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled_unchecked
 def update_chunks(
     table: Table,
     box: Box,
@@ -140,14 +140,14 @@ def update_chunks(
     return box.size_x * box.size_y * box.size_z
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def fill(seen: NDArray[np.int16], value: bool) -> None:
     """All of a brick was looked through, or nothing of it."""
     for n in range(BRICK):
         seen[n] = np.int16(value)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled_unchecked
 def weigh(
     by_depth: NDArray[np.int16],
     bins_per_m: np.float32,
