@@ -33,11 +33,6 @@ class IntegrationReport:
     chunks_updated: int
     chunks_new: int
 
-    @property
-    def pixels_used(self) -> int:
-        """Pixels that said something."""
-        return self.pixels_hit + self.pixels_clear
-
 
 @dataclass(frozen=True, slots=True)
 class MapCounts:

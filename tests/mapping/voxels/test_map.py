@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.mapping import FREE, OCCUPIED, UNKNOWN, Mapper, MapSnapshot, VoxelMap
+from companion.mapping import FREE, OCCUPIED, UNKNOWN, MapSnapshot, VoxelMap
 from companion.mapping.voxels.chunk_table import Store, find_row, forget_rows, has_room, keep_row, next_row
 from companion.mapping.voxels.chunks import OFFSETS, place_of
 from companion.mapping.voxels.depth_image import clear_depth
@@ -194,18 +194,18 @@ def test_places_are_in_morton_order() -> None:
 
 def test_a_snapshot_holds_what_changed_since() -> None:
     """Protects the way to the ground station: differences, put together, are the map."""
-    mapper: Mapper = VoxelMap(EXACT)
+    voxels = VoxelMap(EXACT)
     known: dict[tuple[int, ...], bytes] = {}
     revision = 0
     for yaw in (0.0, 2.0, -2.0):
-        mapper.integrate(view(0.0, yaw))
-        difference = mapper.snapshot(since=revision)
+        voxels.integrate(view(0.0, yaw))
+        difference = voxels.snapshot(since=revision)
         known |= contents(difference)
         assert revision < difference.revision
         revision = difference.revision
-    assert known == contents(mapper.snapshot())
-    assert len(difference.chunks) < len(mapper.snapshot().chunks)
-    assert len(mapper.snapshot(since=revision).chunks) == 0
+    assert known == contents(voxels.snapshot())
+    assert len(difference.chunks) < len(voxels.snapshot().chunks)
+    assert len(voxels.snapshot(since=revision).chunks) == 0
 
 
 def test_a_snapshot_is_a_copy_that_travels() -> None:
