@@ -3,7 +3,8 @@
 numba looks at one file only, that of the function. A function that it calls, and a number that it uses, become part of
 the compiled code all the same, wherever they stand. So here the cache is stamped with the sources of the function's
 module and of all modules of ours that this one imports, and those that they import: after a change of any of them
-numba compiles anew, and nobody has to delete ``*.nbi`` files.
+numba compiles anew, and nobody has to delete ``*.nbi`` files. The stamp is part of the files' names: what is stale is
+not even read (it may name types that are no more) but removed.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -70,7 +72,9 @@ class SourceLocator:
         for locator in (UserProvidedCacheLocator, InTreeCacheLocator, UserWideCacheLocator):
             place: Any = locator.from_function(function, file)  # type: ignore[no-untyped-call]
             if place is not None:
-                return cls(place, source_stamp(Path(file).resolve()))
+                stamp = source_stamp(Path(file).resolve())
+                _sweep(Path(place.get_cache_path()), Path(file).stem, stamp)
+                return cls(place, stamp)
         return None
 
     def ensure_cache_path(self) -> None:
@@ -87,11 +91,11 @@ class SourceLocator:
 
     def get_disambiguator(self) -> str:
         """What tells functions of one name apart."""
-        return str(self._place.get_disambiguator())
+        return f"{self._place.get_disambiguator()}.{self._stamp}"
 
 
 def source_stamp(file: Path) -> str:
-    """SHA-256 over the sources of a module and of all modules of ours that it imports, directly or not."""
+    """16 digits of SHA-256 over the sources of a module and of all modules of ours that it imports, directly or not."""
     files: set[Path] = set()
     waiting = [file]
     while waiting:
@@ -99,7 +103,16 @@ def source_stamp(file: Path) -> str:
         if one not in files:
             files.add(one)
             waiting += _source(one)[1]
-    return hashlib.sha256(b"".join(_source(one)[0] for one in sorted(files))).hexdigest()
+    return hashlib.sha256(b"".join(_source(one)[0] for one in sorted(files))).hexdigest()[:16]
+
+
+@cache
+def _sweep(folder: Path, module: str, stamp: str) -> None:
+    """Remove what was compiled from other sources of a module."""
+    for path in folder.glob(f"{module}.*.nb[ci]"):
+        if f".{stamp}." not in path.name:
+            with suppress(OSError):  # another process was faster, or the folder is not ours
+                path.unlink()
 
 
 @cache

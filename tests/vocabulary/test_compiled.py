@@ -41,7 +41,16 @@ def test_numba_asks_for_the_stamp() -> None:
     functions: tuple[Any, ...] = follow_map, chunks.place_of
     for function in functions:
         file = Path(function.py_func.__code__.co_filename).resolve()
-        assert function._cache._impl.locator.get_source_stamp() == compiled.source_stamp(file)
+        assert compiled.source_stamp(file) in function._cache._cache_file._index_name
+
+
+def test_what_is_stale_is_removed(tmp_path: Path) -> None:
+    """Protects from an index that names a type that is no more, which nothing could read, and from a full disk."""
+    names = [f"flood.add-{end}" for end in ("3.old.py311.nbi", "3.old.py311.1.nbc", "5.py311.nbi", "3.new.py311.nbi")]
+    for name in [*names, "flood_work.wait-3.old.py311.nbi"]:
+        (tmp_path / name).touch()
+    compiled._sweep(tmp_path, "flood", "new")
+    assert {path.name for path in tmp_path.iterdir()} == {names[-1], "flood_work.wait-3.old.py311.nbi"}
 
 
 def test_everything_is_compiled_in_the_one_way() -> None:
