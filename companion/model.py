@@ -10,6 +10,7 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -173,9 +174,10 @@ class Observation:
     planar: PlanarScan | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Scan:
+class Scan(NamedTuple):
     """The horizontal measurement N(t) (paper Definition 3.8) as polar pairs about the vehicle.
+
+    A tuple, so that compiled functions take it whole.
 
     Attributes:
         bearings_rad: (n,) ascending in [-π, π), evenly spaced over the full turn.

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled
-from companion.model import HIT, UNKNOWN, FloatArray, Pose, Scan
+from companion.model import HIT, UNKNOWN, Pose, Scan
 
 CELL_M = 0.5
 """Size of a cell: a fraction of any drift that a vehicle fits through, and few enough cells for a search in a tick."""
@@ -71,12 +71,7 @@ class KnownGround:
             (pose.x_m - self._origin[0]) / CELL_M,
             (pose.y_m - self._origin[1]) / CELL_M,
             pose.yaw_rad,
-            scan.bearings_rad,
-            scan.ranges_m / CELL_M,
-            scan.state,
-            scan.fresh,
-            LOOK_FROM_M / CELL_M,
-            LOOK_M / CELL_M,
+            scan,
         )
 
     def way_to_unseen_m(self, from_m: tuple[float, float], starts: Sequence[WallFollowing]) -> list[float]:
@@ -132,34 +127,26 @@ class KnownGround:
 
 
 @compiled
-def _see(
-    cells: NDArray[np.uint8],
-    x: float,
-    y: float,
-    yaw_rad: float,
-    bearings: FloatArray,
-    ranges: FloatArray,
-    state: NDArray[np.uint8],
-    fresh: NDArray[np.bool_],
-    look_from: float,
-    look: float,
-) -> None:
+def _see(cells: NDArray[np.uint8], x: float, y: float, yaw_rad: float, scan: Scan) -> None:
+    """Enter a scan made at a place that is given in cells."""
+    look_from, look = LOOK_FROM_M / CELL_M, LOOK_M / CELL_M
     side = cells.shape[0]
-    for i in range(bearings.size):
-        if state[i] == UNKNOWN or not fresh[i]:
+    for i in range(scan.bearings_rad.size):
+        if scan.state[i] == UNKNOWN or not scan.fresh[i]:
             continue
-        dx = np.cos(yaw_rad + bearings[i])
-        dy = np.sin(yaw_rad + bearings[i])
+        wall, range_cells = scan.state[i] == HIT, scan.ranges_m[i] / CELL_M
+        dx = np.cos(yaw_rad + scan.bearings_rad[i])
+        dy = np.sin(yaw_rad + scan.bearings_rad[i])
         # Free up to half a cell before the obstacle, so that the cell of a wall does not become free at a slant.
-        free = min(ranges[i] - 0.5, look) if state[i] == HIT else min(ranges[i], look)
+        free = min(range_cells - 0.5, look) if wall else min(range_cells, look)
         distance = look_from
         while distance <= free:
             column, row = int(np.floor(x + distance * dx)), int(np.floor(y + distance * dy))
             if 0 <= row < side and 0 <= column < side and cells[row, column] == _UNSEEN:
                 cells[row, column] = _FREE
             distance += 0.5
-        if state[i] == HIT and ranges[i] <= look:
-            column, row = int(np.floor(x + ranges[i] * dx)), int(np.floor(y + ranges[i] * dy))
+        if wall and range_cells <= look:
+            column, row = int(np.floor(x + range_cells * dx)), int(np.floor(y + range_cells * dy))
             if 0 <= row < side and 0 <= column < side:
                 cells[row, column] = _WALL
 

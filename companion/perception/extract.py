@@ -120,19 +120,7 @@ class Extractor:
         bins = self._bearings_rad.size
         scan = Scan(self._bearings_rad, np.zeros(bins), np.full(bins, UNKNOWN, np.uint8), np.zeros(bins, np.bool_))
         for look in looks:
-            _carry(
-                scan.ranges_m,
-                scan.state,
-                scan.fresh,
-                look.ranges_m,
-                look.state,
-                look.covered,
-                pose.x_m - look.x_m,
-                pose.y_m - look.y_m,
-                pose.yaw_rad,
-                look.yaw_rad,
-                look.limit_m,
-            )
+            _carry(scan, look, pose.x_m, pose.y_m, pose.yaw_rad)
         for beam, bearing_rad in _SIDEWAYS.items():
             self._add_beam(scan, beam, bearing_rad, pose, t_s)
         self._memory.recall(scan, pose, t_s)
@@ -156,38 +144,28 @@ class Extractor:
 
 
 @compiled
-def _carry(
-    ranges: FloatArray,
-    state: NDArray[np.uint8],
-    fresh: NDArray[np.bool_],
-    look_ranges: FloatArray,
-    look_state: NDArray[np.uint8],
-    covered: NDArray[np.bool_],
-    moved_x_m: float,
-    moved_y_m: float,
-    yaw_rad: float,
-    look_yaw_rad: float,
-    limit_m: float,
-) -> None:
+def _carry(scan: Scan, look: Look, x_m: float, y_m: float, yaw_rad: float) -> None:
     """Merge a look, made a moment ago from elsewhere, into the scan about the present pose."""
+    ranges, state, fresh = scan.ranges_m, scan.state, scan.fresh
+    moved_x_m, moved_y_m = x_m - look.x_m, y_m - look.y_m
     bins = ranges.size
     width = 2.0 * np.pi / bins
     for b in range(bins):
-        bearing = -np.pi + (b + 0.5) * width + yaw_rad - look_yaw_rad
+        bearing = -np.pi + (b + 0.5) * width + yaw_rad - look.yaw_rad
         source = int(np.floor((bearing + np.pi) / width)) % bins
-        if not covered[source]:
+        if not look.covered[source]:
             continue
         fresh[b] = True
-        if look_state[source] == HIT:
-            direction = look_yaw_rad - np.pi + (source + 0.5) * width
-            x = look_ranges[source] * np.cos(direction) - moved_x_m
-            y = look_ranges[source] * np.sin(direction) - moved_y_m
+        if look.state[source] == HIT:
+            direction = look.yaw_rad - np.pi + (source + 0.5) * width
+            x = look.ranges_m[source] * np.cos(direction) - moved_x_m
+            y = look.ranges_m[source] * np.sin(direction) - moved_y_m
             distance = np.sqrt(x * x + y * y)
             if state[b] != HIT or distance < ranges[b]:
                 ranges[b] = distance
                 state[b] = HIT
-        elif look_state[source] == CLEAR and state[b] == UNKNOWN:
-            ranges[b] = limit_m
+        elif look.state[source] == CLEAR and state[b] == UNKNOWN:
+            ranges[b] = look.limit_m
             state[b] = CLEAR
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from companion.model import CLEAR, HIT, UNKNOWN, FloatArray, PlanarScan
 
 
-@dataclass(frozen=True, slots=True)
-class Look:
-    """One sensor's contribution to N(t).
+class Look(NamedTuple):
+    """One sensor's contribution to N(t). A tuple, so that compiled functions take it whole.
 
     Attributes:
         t_s: when it looked.

@@ -165,7 +165,7 @@ def test_one_mirrored_tick_gives_the_mirrored_setpoint(
     Nothing is nearer than d_c in them: an escape draws its side.
     """
     scan = random_scan(np.random.default_rng(seed))
-    scan = replace(scan, ranges_m=np.maximum(scan.ranges_m, law_parameters().critical_margin_m))
+    scan = scan._replace(ranges_m=np.maximum(scan.ranges_m, law_parameters().critical_margin_m))
     told = measurement(scan, d_m=d_m, d_bearing_rad=bearing_rad, d_front_m=d_m, d_dot_mps=d_dot_mps)
     pose = replace(ORIGIN, x_m=0.5, y_m=0.2, yaw_rad=yaw_rad, vx_mps=0.3, vy_mps=-0.1)
     begin: Callable[..., Navigator] = in_tangent if mode is Mode.TANGENT else in_boundary
