@@ -36,7 +36,7 @@ GO_S = 300.0
 
 
 class Straight:
-    """In the place of `companion.control.Navigator`: ahead until the governor's braking room is used up.
+    """In the place of `companion.control.navigator.Navigator`: ahead until the governor's braking room is used up.
 
     Law (12) and the part of the governor that brakes, as flown. The part that slows down for turns is left out: this
     one never turns, so that it is faster near the wall than any flight of the navigator.
