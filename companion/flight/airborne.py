@@ -10,12 +10,12 @@ from companion.autopilot.vehicle import Vehicle
 from companion.flight.control_loop import Pilot
 from companion.flight.gate_client import GateLostError, GateTookOverError
 from companion.flight.operator_commands import InterruptedFlightError, Orders
+from companion.flight.phase import PhaseEvent
 from companion.flight.preflight.run import LOOK_PERIOD_S
 from companion.flight.reporting import Announcements
 from companion.flight.session import Session
 from companion.flight.tasks import background
 from companion.flight.termination import Ending, Standing, ending
-from companion.gate.protocol import Phase
 from companion.mapping.process.client import MapWorker
 from companion.mavlink.modes import mode_name, personality
 
@@ -55,35 +55,33 @@ class InTheAir:
             InterruptedFlightError: a person stopped the take-off.
             CompanionError: the flight broke off.
         """
-        vehicle, pilot, gate = self._vehicle, self._pilot, self._gate
-        self._orders.in_the_air = True
-        gate.phase = Phase.CLIMBING
+        vehicle, phases = self._vehicle, self._session.flight
+        phases.update(PhaseEvent.STARTED)
         try:
-            async with background(pilot.run()), vehicle:
+            async with background(self._pilot.run()), vehicle:
                 try:
                     why = await self._explore()
                 finally:
-                    pilot.exploring = False
-                    gate.phase = Phase.ENDING
+                    phases.update(PhaseEvent.STOPPED)
                 if not why.hands_off:
                     lands = self._settings.mission.end_action == "land"
                     await self._while_it_can(vehicle.land() if lands else vehicle.hold())
         finally:
             if self._is_left():
-                gate.ended()
+                phases.update(PhaseEvent.LEFT)
+                self._gate.ended()
         return why
 
     async def _explore(self) -> Ending:
         vehicle, pilot, ends = self._vehicle, self._pilot, (self._orders.stop, self._gate.taken)
-        self._announcements.phase("taking off")
+        self._announcements.phase()
         climb = vehicle.take_off(self._settings.control.height_m, pilot.measured_height_m)
         await self._while_it_can(climb, *ends)
         await self._while_it_can(vehicle.engage(), *ends)
         began_s = self._session.clock.now_s()
         pilot.fresh_s = began_s
-        pilot.exploring = True
-        self._gate.phase = Phase.EXPLORING
-        self._announcements.phase("exploring")
+        self._session.flight.update(PhaseEvent.ENGAGED)
+        self._announcements.phase()
         why = await self._until_the_end(began_s)
         self.explored_s = self._session.clock.now_s() - began_s
         self._announcements.ended(why, (self._gate.took_over if why is Ending.GATE else vehicle.foreign_mode) or "")

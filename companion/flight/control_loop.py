@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.flight.rate import Pace
 from companion.model import Measurement, Mode, Observation, Pose, Setpoint
 from companion.pipeline import Explorer
@@ -62,7 +63,7 @@ Watcher = Callable[[TickRecord], None]
 
 
 class Pilot:
-    """Looks always, steers while `exploring`.
+    """Looks always, steers while the flight explores.
 
     A tick whose pose is missing sends nothing: a velocity means nothing to an autopilot that may not know its own, and
     silence is what the layers below react to. A tick that lacks anything else sends zero: to stop needs no depth.
@@ -71,6 +72,7 @@ class Pilot:
         inputs: where observations come from.
         explorer: what makes setpoints of them.
         pace: when.
+        flight: knows the phase.
         helm: where setpoints go.
         watchers: who is told of every tick.
         gate: who is told of every tick before its setpoint goes out; without it no setpoint passes.
@@ -81,11 +83,11 @@ class Pilot:
         inputs: Inputs,
         explorer: Explorer,
         pace: Pace,
+        flight: PhaseMachine,
         helm: Helm | None,
         watchers: tuple[Watcher, ...] = (),
         gate: Gate | None = None,
     ) -> None:
-        self.exploring = False
         self.measurement: Measurement | None = None
         """Of the newest tick, None when it had no pose."""
         self.pose: Pose | None = None
@@ -94,6 +96,7 @@ class Pilot:
         self._inputs = inputs
         self._explorer = explorer
         self._pace = pace
+        self._flight = flight
         self._helm = helm
         self._watchers = watchers
         self._gate = gate
@@ -110,12 +113,13 @@ class Pilot:
     def tick(self, now_s: float) -> TickRecord:
         """One sampling period."""
         began = time.perf_counter()
+        exploring = self._flight.phase is FlightPhase.EXPLORING
         observation = self._inputs.observe(now_s)
         measurement: Measurement | None = None
         setpoint: Setpoint | None = None
         if observation is None:
             missing: tuple[str, ...] = ("pose",)
-        elif self.exploring:
+        elif exploring:
             steering = self._explorer.step(observation)
             measurement, setpoint = steering.measurement, steering.setpoint
             missing = measurement.missing
@@ -132,9 +136,9 @@ class Pilot:
         if self._gate is not None:
             self._gate.ticked(now_s, self.pose, measurement)
         sent = setpoint is not None and self._helm is not None and self._helm.send(setpoint)
-        mode = self._explorer.navigator.status.mode if self.exploring and not missing else Mode.HOLD
+        mode = self._explorer.navigator.status.mode if exploring and not missing else Mode.HOLD
         duration_s = time.perf_counter() - began
-        stepped = self.exploring and observation is not None
+        stepped = exploring and observation is not None
         record = TickRecord(now_s, observation, measurement, mode, setpoint, stepped, sent, missing, duration_s)
         for watch in self._watchers:
             watch(record)

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from companion.clock import Clock
 from companion.errors import CompanionError
 from companion.flight.gate_socket import GateLink
+from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.gate.faults import Stage
 from companion.gate.protocol import Beat, Phase
 from companion.model import Measurement, Pose
@@ -21,6 +22,16 @@ LOOK_S = 0.1
 KINDS_OF_NOTICES = 64
 """Different texts that are counted each by itself; the rest is counted together."""
 OTHERS = "others"
+
+GATE_PHASE = {
+    FlightPhase.CHECKING: Phase.GROUND,
+    FlightPhase.WAITING: Phase.GROUND,
+    FlightPhase.TAKING_OFF: Phase.CLIMBING,
+    FlightPhase.EXPLORING: Phase.EXPLORING,
+    FlightPhase.LEAVING: Phase.ENDING,
+    FlightPhase.ENDED: Phase.ENDED,
+}
+"""What the gate has to know of a phase of the flight."""
 
 _STAGES = {stage.name.lower(): stage for stage in Stage}
 
@@ -40,17 +51,16 @@ class GateTalk:
         link: to the gate.
         clock: what time it is.
         say: shows a line to the operator.
+        flight: knows the phase of the flight, which every beat says.
 
     Attributes:
-        phase: what the next beats say that the application is doing.
         recorder: where notices are recorded as well, while there is a flight.
         counted: how often the gate has said what.
         taken: set once the gate has begun to hold or land the vehicle.
         lost: set when the gate is gone.
     """
 
-    def __init__(self, link: GateLink, clock: Clock, say: Callable[[str], None]) -> None:
-        self.phase = Phase.GROUND
+    def __init__(self, link: GateLink, clock: Clock, say: Callable[[str], None], flight: PhaseMachine) -> None:
         self.recorder: Recorder | None = None
         self.counted: Counter[str] = Counter()
         self.taken = asyncio.Event()
@@ -58,9 +68,15 @@ class GateTalk:
         self._link = link
         self._clock = clock
         self._say = say
+        self._flight = flight
         self._map_age_s: Callable[[], float] = lambda: math.inf
         self._stage = Stage.PASS
         self._stage_words = ""
+
+    @property
+    def phase(self) -> Phase:
+        """What the next beat says that the application is doing."""
+        return GATE_PHASE[self._flight.phase]
 
     @property
     def url(self) -> str:
@@ -97,11 +113,10 @@ class GateTalk:
         )
 
     def ended(self) -> None:
-        """The vehicle was left as configured, and nothing ticks any more: a map takes its time to be written.
+        """The flight has ended, and nothing ticks any more: a map takes its time to be written.
 
         Said again and again: the gate that missed it would take the silence for a hang.
         """
-        self.phase = Phase.ENDED
         self.ticked(self._clock.now_s(), None, None)
 
     async def run(self) -> None:

@@ -24,6 +24,7 @@ from companion.flight.control_loop import Pilot
 from companion.flight.gate_client import GateTalk
 from companion.flight.gate_socket import GateLink
 from companion.flight.operator_commands import InterruptedFlightError, Orders
+from companion.flight.phase import PhaseEvent, PhaseMachine
 from companion.flight.preflight import CheckResult
 from companion.flight.preflight.run import Options, checked, passed
 from companion.flight.rate import Pace
@@ -45,8 +46,8 @@ CHECKS_HOLD_S = 30.0
 async def check(settings: Settings, options: Options, gate: GateLink, say: Say) -> list[CheckResult]:
     """Connect, listen for a moment and run the pre-flight checks. Nothing is armed."""
     _load(settings, say)
-    clock = MonotonicClock()
-    async with open_session(settings, clock, GateTalk(gate, clock, say)) as session:
+    clock, flight = MonotonicClock(), PhaseMachine()
+    async with open_session(settings, clock, GateTalk(gate, clock, say, flight), flight) as session:
         return await checked(session, options, say)
 
 
@@ -75,12 +76,13 @@ async def fly(
         CompanionError: the flight could not begin, or broke off.
     """
     check_folder(resume_map, resume=True)
-    orders = Orders(by_command=settings.mission.start == "command")
+    flight = PhaseMachine()
+    orders = Orders(settings.mission.start == "command", flight)
     _load(settings, say)
     with orders.signals():
         try:
             clock = MonotonicClock()
-            async with open_session(settings, clock, GateTalk(gate, clock, say)) as session:
+            async with open_session(settings, clock, GateTalk(gate, clock, say, flight), flight) as session:
                 orders.listen(session.link)
                 announcer = Announcer(session.link, session.clock)
                 async with background(announcer.run()):
@@ -138,7 +140,9 @@ class _Flight:
             if self._resume_map is not None:
                 self._say(f"the map of {map_folder} goes on: {mapper.status.resumed_chunks} chunks")
             self._gate.has_map(lambda: mapper.status.age_s)
-            announcements = Announcements(self._announcer, session.telemetry, mapper, recorder, self._say)
+            announcements = Announcements(
+                self._announcer, session.telemetry, mapper, recorder, self._say, session.flight
+            )
             announcements.checks(results)
             results = await self._wait_for_start(announcements, results)
             vehicle = Vehicle(session.link, session.telemetry, settings, session.clock)
@@ -146,6 +150,7 @@ class _Flight:
                 session.inputs,
                 explorer,
                 Pace(session.clock, settings.control.period_s),
+                session.flight,
                 vehicle,
                 (Recording(recorder, explorer.navigator), MapFeed(mapper), announcements),
                 self._gate,
@@ -200,9 +205,9 @@ class _Flight:
         if start == "now":
             return results
         checked_s = clock.now_s()
-        announcements.phase("waiting for the start")
+        self._session.flight.update(PhaseEvent.READY)
+        announcements.phase()
         self._say("ready: press Enter to take off" if start == "key" else "ready: waiting for MAV_CMD_MISSION_START")
-        self._orders.ready = True
         with self._orders.enter_key() if start == "key" else nullcontext():
             await self._orders.start.wait()
         if clock.now_s() - checked_s > CHECKS_HOLD_S:

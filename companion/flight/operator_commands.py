@@ -13,6 +13,7 @@ from typing import Any
 from companion.autopilot.interface import Link, LinkError, Message
 from companion.autopilot.vehicle_state import integer, number
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
+from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.mavlink.ids import MavCmd, MavComponent, MavResult
 
 LARGEST_COMMAND = 65535
@@ -29,18 +30,17 @@ class Orders:
 
     Args:
         by_command: whether a ground station may start the flight; it may always stop it.
+        flight: knows the phase. A start that comes before one is waited for is refused: nobody expects a take-off
+            minutes later. A signal in the air waits until the vehicle is down.
     """
 
-    def __init__(self, by_command: bool) -> None:
+    def __init__(self, by_command: bool, flight: PhaseMachine) -> None:
         self.start = asyncio.Event()
         self.stop = asyncio.Event()
-        self.ready = False
-        """Whether a start is waited for. One that comes before is refused: nobody expects a take-off minutes later."""
-        self.in_the_air = False
-        """Whether a signal has to wait until the vehicle is down."""
         self.interrupted = False
         """Whether the stop came as a signal: Ctrl-C, or the end of the service."""
         self._by_command = by_command
+        self._flight = flight
         self._task: asyncio.Task[object] | None = None
 
     def listen(self, link: Link) -> None:
@@ -99,7 +99,7 @@ class Orders:
     def _interrupt(self) -> None:
         self.interrupted = True
         self.stop.set()
-        if not self.in_the_air and self._task is not None:
+        if not self._flight.phase.airborne and self._task is not None:
             self._task.cancel()
 
     def _command(self, link: Link, message: Message) -> None:
@@ -128,7 +128,7 @@ class Orders:
         if command == MavCmd.MISSION_START:
             if not self._by_command:
                 return MavResult.DENIED
-            if not self.ready:
+            if self._flight.phase < FlightPhase.WAITING:
                 return MavResult.TEMPORARILY_REJECTED
             self.start.set()
             return MavResult.ACCEPTED

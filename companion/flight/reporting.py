@@ -9,6 +9,7 @@ from companion.autopilot.status_reporter import Announcer
 from companion.autopilot.telemetry import Telemetry
 from companion.control import Navigator
 from companion.flight.control_loop import TickRecord
+from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.flight.preflight import CheckResult
 from companion.flight.termination import Ending
 from companion.mapping.process.client import MapWorker
@@ -26,6 +27,11 @@ LINE_PERIOD_S = 5.0
 MISSING_FOR_S = 0.5
 """Inputs that are missing for longer are told to the pilot: a frame that is late is no event."""
 
+_IN_WORDS = {
+    FlightPhase.WAITING: "waiting for the start",
+    FlightPhase.TAKING_OFF: "taking off",
+    FlightPhase.EXPLORING: "exploring",
+}
 _MEANING = {
     Mode.CIRCLE: "R1 initial circle",
     Mode.TANGENT: "R2 along tangent",
@@ -84,17 +90,24 @@ class Announcements:
         mapper: how complete the map is.
         recorder: events are recorded as well.
         say: shows a line to the operator.
+        flight: knows the phase.
     """
 
     def __init__(
-        self, announcer: Announcer, telemetry: Telemetry, mapper: MapWorker, recorder: Recorder, say: Say
+        self,
+        announcer: Announcer,
+        telemetry: Telemetry,
+        mapper: MapWorker,
+        recorder: Recorder,
+        say: Say,
+        flight: PhaseMachine,
     ) -> None:
         self._announcer = announcer
         self._telemetry = telemetry
         self._mapper = mapper
         self._recorder = recorder
         self._say = say
-        self._exploring = False
+        self._flight = flight
         self._mode: Mode | None = None
         self._missing_since_s: float | None = None
         self._next_line_s = 0.0
@@ -109,19 +122,17 @@ class Announcements:
             level = logging.WARNING if result.skipped else logging.INFO
             self._recorder.event("check", f"{result.name} {word}: {result.found}", level)
 
-    def phase(self, what: str) -> None:
-        """A new part of the flight."""
-        self._exploring = what == "exploring"
+    def phase(self) -> None:
+        """The flight has entered another phase."""
+        phase = self._flight.phase
+        what = _IN_WORDS[phase]
         self._say(what)
         self._announcer.say(f"companion: {what}", MavSeverity.NOTICE)
-        self._announcer.state(
-            MavState.STANDBY if what == "waiting for the start" else MavState.ACTIVE, not what.startswith("wait")
-        )
-        self._recorder.event(ENGAGED if self._exploring else "phase", what)
+        self._announcer.state(MavState.ACTIVE if phase.airborne else MavState.STANDBY, armed=phase.airborne)
+        self._recorder.event(ENGAGED if phase is FlightPhase.EXPLORING else "phase", what)
 
     def ended(self, why: Ending, detail: str) -> None:
         """The exploring is over."""
-        self._exploring = False
         severity = MavSeverity.NOTICE if why.as_it_should else MavSeverity.WARNING
         text = f"{why.value} {detail}".strip()
         self._say(f"exploring ended: {text}")
@@ -137,7 +148,7 @@ class Announcements:
         self._announcer.value("d", None if measurement is None else measurement.d_m)
         self._announcer.value("h", None if measurement is None else measurement.h_m)
         self._announcer.value("complete", self._mapper.status.completeness)
-        if not self._exploring:
+        if self._flight.phase is not FlightPhase.EXPLORING:
             return
         self._tell_missing(tick)
         if tick.mode is not self._mode and not tick.missing:

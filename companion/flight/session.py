@@ -15,6 +15,7 @@ from companion.clock import Clock
 from companion.config.settings import Settings
 from companion.errors import InputError
 from companion.flight.gate_client import GateTalk
+from companion.flight.phase import PhaseMachine
 from companion.flight.tasks import background
 from companion.sensors.drivers import DriverContext, SensorDriver, load_drivers
 from companion.sensors.sink import SensorSink
@@ -37,10 +38,13 @@ class Session:
     sink: SensorSink
     inputs: Inputs
     gate: GateTalk
+    flight: PhaseMachine
 
 
 @asynccontextmanager
-async def open_session(settings: Settings, clock: Clock, gate: GateTalk) -> AsyncIterator[Session]:
+async def open_session(
+    settings: Settings, clock: Clock, gate: GateTalk, flight: PhaseMachine
+) -> AsyncIterator[Session]:
     """Connect to the autopilot through the gate and start the sensors; everything ends with the block.
 
     Raises:
@@ -54,7 +58,7 @@ async def open_session(settings: Settings, clock: Clock, gate: GateTalk) -> Asyn
         sink = SensorSink(clock)
         drivers = load_drivers(settings, DriverContext(clock, link))
         async with background(telemetry.run(), *(_keep_running(driver, sink) for driver in drivers)):
-            yield Session(settings, clock, link, telemetry, sink, Inputs(sink, telemetry.poses), gate)
+            yield Session(settings, clock, link, telemetry, sink, Inputs(sink, telemetry.poses), gate, flight)
 
 
 async def _keep_running(driver: SensorDriver, sink: SensorSink) -> None:

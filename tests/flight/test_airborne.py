@@ -14,6 +14,7 @@ from companion.config.load import load_settings
 from companion.flight.airborne import InTheAir
 from companion.flight.gate_client import GateLostError, GateTalk, GateTookOverError
 from companion.flight.operator_commands import InterruptedFlightError, Orders
+from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.flight.termination import Ending
 from companion.gate.protocol import Phase
 from companion.mavlink.firmware import AutopilotKind
@@ -68,12 +69,11 @@ class Vehicle:
 class Pilot:
     """Ticks, until the test has it fail."""
 
-    def __init__(self, gate: GateTalk, vehicle: Vehicle) -> None:
-        self.exploring = False
+    def __init__(self, gate: GateTalk, flight: PhaseMachine) -> None:
         self.fresh_s = 0.0
         self.fails = False
         self._gate = gate
-        self._vehicle = vehicle
+        self._flight = flight
 
     def measured_height_m(self) -> float:
         return 1.5
@@ -81,7 +81,7 @@ class Pilot:
     async def run(self) -> None:
         while True:
             self._gate.look()
-            if self.fails and self.exploring:
+            if self.fails and self._flight.phase is FlightPhase.EXPLORING:
                 raise ZeroDivisionError
             self._gate.ticked(1.0, None, None)
             await asyncio.sleep(0.01)
@@ -92,19 +92,21 @@ class Stand:
 
     def __init__(self, gate: FakeGate) -> None:
         self.gate = gate
-        self.talk = GateTalk(gate.link, HandClock(), lambda _: None)
+        self.phases = PhaseMachine()
+        self.talk = GateTalk(gate.link, HandClock(), lambda _: None, self.phases)
         self.vehicle = Vehicle(self.talk)
-        self.pilot = Pilot(self.talk, self.vehicle)
-        self.orders = Orders(by_command=False)
+        self.pilot = Pilot(self.talk, self.phases)
+        self.orders = Orders(by_command=False, flight=self.phases)
         self.status = STATUS
         self.ended: list[tuple[Ending, str]] = []
-        announcements = SimpleNamespace(phase=lambda _: None, ended=lambda *told: self.ended.append(told))
+        announcements = SimpleNamespace(phase=lambda: None, ended=lambda *told: self.ended.append(told))
         session = SimpleNamespace(
             settings=load_settings(),
             clock=SimpleNamespace(now_s=lambda: 0.0),
             link=SimpleNamespace(kind=AutopilotKind.PX4),
             telemetry=SimpleNamespace(state=self._state),
             gate=self.talk,
+            flight=self.phases,
         )
         parts: Any = (session, self.orders, self.vehicle, self.pilot, self, announcements)
         self.flight = InTheAir(*parts)
@@ -166,7 +168,7 @@ def test_the_gate_knows_what_is_to_be_expected_at_every_time(stand: Stand) -> No
 def test_when_the_gate_dies_nothing_more_is_tried(stand: Stand) -> None:
     assert stand.fly("gate dies") is Ending.GATE_LOST
     assert "land" not in stand.told
-    assert not stand.pilot.exploring
+    assert stand.phases.phase is FlightPhase.ENDED
 
 
 @pytest.mark.parametrize("hangs", ["take off", "engage"])

@@ -7,6 +7,7 @@ import pytest
 
 from companion.config.load import load_settings
 from companion.flight.control_loop import Pilot, TickRecord
+from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.flight.rate import Pace
 from companion.model import Beam, Measurement, Mode, Pose, RangeReading, Setpoint
 from companion.pipeline import Explorer
@@ -54,10 +55,12 @@ class Bench:
         self.helm = Helm()
         self.gate = Gate(self.helm)
         self.seen: list[TickRecord] = []
+        self.flight = PhaseMachine()
         self.pilot = Pilot(
             Inputs(self.sink, self.poses),
             Explorer(SETTINGS, np.random.default_rng(1)),
             Pace(self.clock, 0.05),
+            self.flight,
             self.helm,
             (self.seen.append,),
             self.gate,
@@ -91,7 +94,7 @@ def test_it_looks_without_steering_until_it_explores() -> None:
 def test_exploring_sends_one_setpoint_a_tick() -> None:
     bench = Bench()
     bench.tick()
-    bench.pilot.exploring = True
+    bench.flight.phase = FlightPhase.EXPLORING
     for _ in range(4):
         assert bench.tick().sent
     assert len(bench.helm.sent) == 4
@@ -102,7 +105,7 @@ def test_exploring_sends_one_setpoint_a_tick() -> None:
 def test_a_lost_pose_is_silence() -> None:
     """A velocity means nothing to an autopilot that does not know its own."""
     bench = Bench()
-    bench.pilot.exploring = True
+    bench.flight.phase = FlightPhase.EXPLORING
     bench.tick()
     sent = len(bench.helm.sent)
     for _ in range(8):
@@ -117,7 +120,7 @@ def test_a_lost_pose_is_silence() -> None:
 @pytest.mark.parametrize(("lost", "name"), [({"depth": False}, "depth"), ({"down": False}, "height")])
 def test_a_lost_sensor_is_a_stop(lost: dict[str, bool], name: str) -> None:
     bench = Bench()
-    bench.pilot.exploring = True
+    bench.flight.phase = FlightPhase.EXPLORING
     for _ in range(3):
         bench.tick()
     for _ in range(12):
@@ -134,7 +137,7 @@ def test_a_lost_sensor_is_a_stop(lost: dict[str, bool], name: str) -> None:
 
 def test_before_the_first_pose_a_tick_says_what_is_missing() -> None:
     bench = Bench()
-    bench.pilot.exploring = True
+    bench.flight.phase = FlightPhase.EXPLORING
     tick = bench.tick(pose=False)
     assert (tick.missing, tick.observation, tick.sent) == (("pose",), None, False)
     assert bench.pilot.measured_height_m() is None
@@ -143,7 +146,7 @@ def test_before_the_first_pose_a_tick_says_what_is_missing() -> None:
 def test_a_helm_that_refuses_is_recorded() -> None:
     """The pilot has taken over: the record must not say that our setpoint went out."""
     bench = Bench()
-    bench.pilot.exploring = True
+    bench.flight.phase = FlightPhase.EXPLORING
     bench.helm.refuses = True
     tick = bench.tick()
     assert tick.setpoint is not None
@@ -160,7 +163,7 @@ def test_every_tick_is_told_to_every_watcher() -> None:
 def test_the_gate_hears_of_a_tick_before_it_sees_the_setpoint() -> None:
     """Without a beat as new as the setpoint the gate would have to stop the vehicle once in each tick."""
     bench = Bench()
-    bench.pilot.exploring = True
+    bench.flight.phase = FlightPhase.EXPLORING
     ticks = [bench.tick() for _ in range(3)]
     assert [t_s for t_s, _, _ in bench.gate.beats] == [tick.t_s for tick in ticks]
     assert [measurement for _, _, measurement in bench.gate.beats] == [tick.measurement for tick in ticks]
@@ -181,7 +184,7 @@ def test_on_the_ground_and_without_a_pose_the_gate_hears_of_ticks_too() -> None:
 def test_a_tick_that_fails_is_none(fails: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Protects the meaning of a beat: everything that a setpoint rests on was looked at, and worked."""
     bench = Bench()
-    bench.pilot.exploring = True
+    bench.flight.phase = FlightPhase.EXPLORING
     bench.tick()
 
     def broken(*_: object) -> None:

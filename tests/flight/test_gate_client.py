@@ -12,6 +12,7 @@ from typing import cast
 import pytest
 
 from companion.flight.gate_client import KINDS_OF_NOTICES, OTHERS, GateLostError, GateTalk
+from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.gate.protocol import Phase
 from companion.model import Pose
 from companion.recording import Recorder
@@ -31,7 +32,8 @@ class Stand:
         self.clock = HandClock(100.0)
         self.said: list[str] = []
         self.notes = Notes()
-        self.talk = GateTalk(gate.link, self.clock, self.said.append)
+        self.flight = PhaseMachine()
+        self.talk = GateTalk(gate.link, self.clock, self.said.append, self.flight)
         self.talk.recorder = cast("Recorder", self.notes)
 
 
@@ -42,7 +44,7 @@ def stand() -> Iterator[Stand]:
 
 
 def test_a_beat_carries_the_ages_of_what_the_tick_rested_on(stand: Stand) -> None:
-    stand.talk.phase = Phase.EXPLORING
+    stand.flight.phase = FlightPhase.EXPLORING
     stand.talk.has_map(lambda: 0.7)
     told = replace(beside(1), scan_age_s=0.2, ranges_age_s=0.1, ahead_m=2.5)
     stand.talk.ticked(100.0, POSE, told)
@@ -120,10 +122,10 @@ def test_on_the_ground_the_loss_of_the_gate_is_the_end(stand: Stand) -> None:
         asyncio.run(asyncio.wait_for(stand.talk.run(), 5.0))
 
 
-@pytest.mark.parametrize("phase", [Phase.CLIMBING, Phase.EXPLORING, Phase.ENDING])
-def test_in_the_air_the_loss_is_for_the_flight_to_deal_with(stand: Stand, phase: Phase) -> None:
+@pytest.mark.parametrize("phase", [FlightPhase.TAKING_OFF, FlightPhase.EXPLORING, FlightPhase.LEAVING])
+def test_in_the_air_the_loss_is_for_the_flight_to_deal_with(stand: Stand, phase: FlightPhase) -> None:
     """What was flown for is to be saved; an error from here would take the map away."""
-    stand.talk.phase = phase
+    stand.flight.phase = phase
     stand.gate.die()
 
     async def fly() -> None:
@@ -140,6 +142,7 @@ def test_the_end_is_said_again_while_the_map_is_written(stand: Stand) -> None:
     """An end that was missed would look like a hang, for which an application is killed."""
 
     async def write() -> None:
+        stand.flight.phase = FlightPhase.ENDED
         stand.talk.ended()
         listening = asyncio.create_task(stand.talk.run())
         await asyncio.sleep(0.25)

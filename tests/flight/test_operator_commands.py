@@ -13,17 +13,23 @@ import pytest
 
 from companion.errors import InputError
 from companion.flight.operator_commands import Orders
+from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.mavlink.ids import MavCmd
 from tests.autopilot.fake_link import FakeLink, HandClock
 
 OURS = {"target_system": 1, "target_component": 191}
 
 
+def in_phase(phase: FlightPhase) -> PhaseMachine:
+    machine = PhaseMachine()
+    machine.phase = phase
+    return machine
+
+
 def told(*commands: dict[str, Any], by_command: bool = True, ready: bool = True) -> tuple[Orders, FakeLink]:
     """Orders after a ground station (255, 190) has sent these."""
     link = FakeLink(HandClock())
-    orders = Orders(by_command)
-    orders.ready = ready
+    orders = Orders(by_command, in_phase(FlightPhase.WAITING if ready else FlightPhase.CHECKING))
     orders.listen(link)
     for fields in commands:
         link.deliver("COMMAND_LONG", {**OURS, "param1": 0.0, **fields}, system_id=255, component_id=190)
@@ -79,7 +85,7 @@ def test_other_commands_are_answered_as_unsupported() -> None:
 
 def test_a_ground_station_that_is_gone_has_its_order_all_the_same() -> None:
     link = FakeLink(HandClock())
-    orders = Orders(by_command=True)
+    orders = Orders(by_command=True, flight=PhaseMachine())
     orders.listen(link)
     link.gone = True
     link.deliver("COMMAND_LONG", {**OURS, "command": MavCmd.DO_PAUSE_CONTINUE, "param1": 0.0}, system_id=255)
@@ -91,8 +97,7 @@ def test_signals_ask_for_the_end_of_the_flight(number: signal.Signals) -> None:
     """Ctrl-C in flight must land the vehicle, not break off the program that flies it."""
 
     async def main() -> Orders:
-        orders = Orders(by_command=False)
-        orders.in_the_air = True
+        orders = Orders(by_command=False, flight=in_phase(FlightPhase.TAKING_OFF))
         with orders.signals():
             os.kill(os.getpid(), number)
             await asyncio.wait_for(orders.stop.wait(), 5.0)
@@ -107,7 +112,7 @@ def test_the_enter_key_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     reading, writing = os.pipe()
 
     async def main() -> bool:
-        orders = Orders(by_command=False)
+        orders = Orders(by_command=False, flight=PhaseMachine())
         with os.fdopen(reading) as terminal:
             monkeypatch.setattr("sys.stdin", terminal)
             with orders.enter_key():
@@ -124,7 +129,7 @@ def test_what_was_typed_before_starts_nothing(monkeypatch: pytest.MonkeyPatch) -
     hand, terminal = os.openpty()
 
     async def main() -> tuple[bool, bool]:
-        orders = Orders(by_command=False)
+        orders = Orders(by_command=False, flight=PhaseMachine())
         with os.fdopen(terminal) as keyboard:
             monkeypatch.setattr("sys.stdin", keyboard)
             os.write(hand, b"\n\n")
@@ -145,7 +150,7 @@ def test_without_a_terminal_the_key_is_refused(monkeypatch: pytest.MonkeyPatch) 
     async def main() -> None:
         with Path(os.devnull).open() as nothing:  # noqa: ASYNC230 - nothing is read from it
             monkeypatch.setattr("sys.stdin", nothing)
-            with Orders(by_command=False).enter_key():
+            with Orders(by_command=False, flight=PhaseMachine()).enter_key():
                 pass
 
     with pytest.raises(InputError, match="--start command"):
@@ -156,7 +161,7 @@ def test_where_nothing_flies_a_signal_ends_the_program() -> None:
     """Connecting and loading take up to minutes: Ctrl-C must not seem to be ignored."""
 
     async def main() -> Orders:
-        orders = Orders(by_command=False)
+        orders = Orders(by_command=False, flight=PhaseMachine())
         with orders.signals():
             os.kill(os.getpid(), signal.SIGINT)
             with pytest.raises(asyncio.CancelledError):

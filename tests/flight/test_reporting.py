@@ -12,6 +12,7 @@ import pytest
 from companion.autopilot.status_reporter import Announcer
 from companion.autopilot.telemetry import Telemetry
 from companion.flight.control_loop import TickRecord
+from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.flight.preflight import CheckResult
 from companion.flight.reporting import Announcements, MapFeed
 from companion.flight.termination import Ending
@@ -78,13 +79,20 @@ class Stand:
         self.notes = Notes()
         self.said: list[str] = []
         self.mapper = Mapper()
+        self.flight = PhaseMachine()
         self.announcements = Announcements(
             self.announcer,
             self.telemetry,
             cast("MapWorker", self.mapper),
             cast("Recorder", self.notes),
             self.said.append,
+            self.flight,
         )
+
+    def phase(self, phase: FlightPhase) -> None:
+        """The flight has come to this."""
+        self.flight.phase = phase
+        self.announcements.phase()
 
     def tick(self, **changes: Any) -> None:
         """50 ms later, a tick along a wall unless told otherwise."""
@@ -112,7 +120,7 @@ def test_ground_stations_get_d_h_and_completeness() -> None:
 
 def test_a_change_of_mode_is_told_once() -> None:
     stand = Stand()
-    stand.announcements.phase("exploring")
+    stand.phase(FlightPhase.EXPLORING)
     for _ in range(40):
         stand.tick()
     for _ in range(40):
@@ -124,7 +132,7 @@ def test_a_change_of_mode_is_told_once() -> None:
 def test_a_stop_says_why_and_that_it_is_over() -> None:
     """A late frame is no event; inputs lost for longer than half a second are."""
     stand = Stand()
-    stand.announcements.phase("exploring")
+    stand.phase(FlightPhase.EXPLORING)
     stand.tick()
     for _ in range(4):
         stand.tick(missing=("depth",), mode=Mode.HOLD)
@@ -145,8 +153,8 @@ def test_a_stop_says_why_and_that_it_is_over() -> None:
 def test_the_exploring_is_marked_in_the_recording() -> None:
     """The figures of a flight are taken between these two."""
     stand = Stand()
-    stand.announcements.phase("taking off")
-    stand.announcements.phase("exploring")
+    stand.phase(FlightPhase.TAKING_OFF)
+    stand.phase(FlightPhase.EXPLORING)
     stand.announcements.ended(Ending.PILOT, "loiter")
     assert [name for name, _, _ in stand.notes.events] == ["phase", ENGAGED, ENDED]
     assert stand.said[-1] == "exploring ended: pilot or failsafe took over loiter"

@@ -18,6 +18,7 @@ from companion.autopilot.telemetry import Telemetry
 from companion.clock import MonotonicClock
 from companion.config.autopilot import AutopilotSettings
 from companion.flight.operator_commands import Orders
+from companion.flight.phase import PhaseMachine
 from tests.autopilot.responder import Responder, free_port
 from validation.fuzz.hostile import spoiled_often
 
@@ -94,7 +95,7 @@ class Line:
         self.link, self.autopilot = link, autopilot
         self.clock = MonotonicClock()
         self.telemetry = Telemetry(link, self.clock)
-        self.orders = Orders(by_command=False)
+        self.orders = Orders(by_command=False, flight=PhaseMachine())
         self.orders.listen(link)
         self.seen: list[Message] = []
         link.events("ATTITUDE", self._note)

@@ -23,6 +23,7 @@ from companion.config.sensors import CameraSettings, PlanarSettings, SensorSetti
 from companion.config.settings import Settings
 from companion.flight.control_loop import Pilot, TickRecord
 from companion.flight.operator_commands import Orders
+from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.flight.rate import Pace
 from companion.flight.reporting import Announcements
 from companion.mapping.process.client import MapWorker
@@ -83,7 +84,8 @@ class Flying:
         self.sink = SensorSink(self.clock)
         self.telemetry = Telemetry(self.link, self.clock)
         self.vehicle = Vehicle(self.link, self.telemetry, SETTINGS, self.clock, self._sleep)
-        self.orders = Orders(by_command=True)
+        self.flight = PhaseMachine()
+        self.orders = Orders(by_command=True, flight=self.flight)
         self.orders.listen(self.link)
         self.commands = Commands(self.link.send, 1)
         self.link.events("COMMAND_ACK", self.commands.acknowledged)
@@ -97,11 +99,13 @@ class Flying:
             cast("MapWorker", SimpleNamespace(status=SimpleNamespace(completeness=0.5, frontiers=3, problem=""))),
             cast("Recorder", SimpleNamespace(event=lambda _name, text, *_: text.encode())),
             self._say,
+            self.flight,
         )
         self.pilot = Pilot(
             Inputs(self.sink, self.telemetry.poses),
             explorer,
             Pace(self.clock, SETTINGS.control.period_s),
+            self.flight,
             self.vehicle,
             (self.announcements,),
         )
@@ -240,8 +244,8 @@ async def flying(kind: AutopilotKind = AutopilotKind.PX4, explore: bool = True) 
         if explore:
             bench.link.on_command = bench.obey
             await bench.vehicle.engage()
-            bench.announcements.phase("exploring")
-        bench.pilot.exploring = explore
+            bench.flight.phase = FlightPhase.EXPLORING
+            bench.announcements.phase()
         yield bench
     finally:
         driving.cancel()

@@ -67,6 +67,7 @@ async def checked(session: Session, options: Options, say: Say) -> list[CheckRes
         session.inputs,
         Explorer(settings, np.random.default_rng(0)),
         Pace(clock, settings.control.period_s),
+        session.flight,
         helm=None,
         gate=session.gate,
     )
