@@ -91,10 +91,13 @@ class Announcer:
             self._values[name] = value
 
     async def run(self) -> None:
-        """Announce until cancelled."""
-        while True:
+        """Announce until cancelled; what was said last, perhaps why nothing flies, still goes out."""
+        try:
+            while True:
+                self.tick()
+                await self._sleep(TICK_S)
+        finally:
             self.tick()
-            await self._sleep(TICK_S)
 
     def tick(self) -> None:
         """Send what is due."""

@@ -8,11 +8,11 @@ from typing import Any
 
 from companion.autopilot.vehicle import Vehicle
 from companion.flight.control_loop import Pilot
+from companion.flight.events import Event, EventEmitter
 from companion.flight.gate_client import GateLostError, GateTookOverError
 from companion.flight.operator_commands import InterruptedFlightError, Orders
 from companion.flight.phase import PhaseEvent
 from companion.flight.preflight.run import LOOK_PERIOD_S
-from companion.flight.reporting import Announcements
 from companion.flight.session import Session
 from companion.flight.tasks import background
 from companion.flight.termination import Ending, Standing, ending
@@ -34,7 +34,7 @@ class InTheAir:
         vehicle: Vehicle,
         pilot: Pilot,
         mapper: MapWorker,
-        announcements: Announcements,
+        events: EventEmitter,
     ) -> None:
         self.explored_s = 0.0
         self._session = session
@@ -44,7 +44,7 @@ class InTheAir:
         self._vehicle = vehicle
         self._pilot = pilot
         self._mapper = mapper
-        self._announcements = announcements
+        self._events = events
 
     async def run(self) -> Ending:
         """Fly. Leaving the vehicle's context leaves it holding or landing, whatever happened.
@@ -57,6 +57,7 @@ class InTheAir:
         """
         vehicle, phases = self._vehicle, self._session.flight
         phases.update(PhaseEvent.STARTED)
+        self._events.emit(Event.TAKING_OFF)
         try:
             async with background(self._pilot.run()), vehicle:
                 try:
@@ -74,18 +75,27 @@ class InTheAir:
 
     async def _explore(self) -> Ending:
         vehicle, pilot, ends = self._vehicle, self._pilot, (self._orders.stop, self._gate.taken)
-        self._announcements.phase()
         climb = vehicle.take_off(self._settings.control.height_m, pilot.measured_height_m)
         await self._while_it_can(climb, *ends)
         await self._while_it_can(vehicle.engage(), *ends)
         began_s = self._session.clock.now_s()
         pilot.fresh_s = began_s
         self._session.flight.update(PhaseEvent.ENGAGED)
-        self._announcements.phase()
+        self._events.emit(Event.EXPLORING)
         why = await self._until_the_end(began_s)
         self.explored_s = self._session.clock.now_s() - began_s
-        self._announcements.ended(why, (self._gate.took_over if why is Ending.GATE else vehicle.foreign_mode) or "")
+        self._tell_end(why)
         return why
+
+    def _tell_end(self, why: Ending) -> None:
+        detail = (self._gate.took_over if why is Ending.GATE else self._vehicle.foreign_mode) or ""
+        then = {"land": "landing", "hold": "holding"}[self._settings.mission.end_action]
+        self._events.emit(
+            Event.ENDED if why.as_it_should else Event.ENDED_EARLY,
+            why=f"{why.value} {detail}".strip(),
+            end=why.value,
+            then="hands off" if why.hands_off else then,
+        )
 
     async def _until_the_end(self, began_s: float) -> Ending:
         session = self._session

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 import math
 from collections import Counter
 from collections.abc import Callable
 
 from companion.clock import Clock
 from companion.errors import CompanionError
+from companion.flight.events import Event, EventEmitter
 from companion.flight.gate_socket import GateLink
 from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.gate.faults import Stage
 from companion.gate.protocol import Beat, Phase
 from companion.model import Measurement, Pose
-from companion.recording import Recorder
 
 LOOK_S = 0.1
 """How often it is looked whether the gate has said something."""
@@ -50,24 +49,22 @@ class GateTalk:
     Args:
         link: to the gate.
         clock: what time it is.
-        say: shows a line to the operator.
+        events: where what the gate says goes.
         flight: knows the phase of the flight, which every beat says.
 
     Attributes:
-        recorder: where notices are recorded as well, while there is a flight.
         counted: how often the gate has said what.
         taken: set once the gate has begun to hold or land the vehicle.
         lost: set when the gate is gone.
     """
 
-    def __init__(self, link: GateLink, clock: Clock, say: Callable[[str], None], flight: PhaseMachine) -> None:
-        self.recorder: Recorder | None = None
+    def __init__(self, link: GateLink, clock: Clock, events: EventEmitter, flight: PhaseMachine) -> None:
         self.counted: Counter[str] = Counter()
         self.taken = asyncio.Event()
         self.lost = asyncio.Event()
         self._link = link
         self._clock = clock
-        self._say = say
+        self._events = events
         self._flight = flight
         self._map_age_s: Callable[[], float] = lambda: math.inf
         self._stage = Stage.PASS
@@ -142,15 +139,11 @@ class GateTalk:
                 if stage >= Stage.HOLD:
                     self.taken.set()
             self.counted[text if text in self.counted or len(self.counted) < KINDS_OF_NOTICES else OTHERS] += 1
-            self._tell(text)
+            self._events.emit(Event.GATE_NOTICE, text=text)
         if self._link.gone and not self.lost.is_set():
             self.lost.set()
-            self._tell("gone; nothing reaches the autopilot any more, its own failsafe stops the vehicle")
-
-    def _tell(self, text: str) -> None:
-        self._say(f"gate: {text}")
-        if self.recorder is not None:
-            self.recorder.event("gate", text, logging.WARNING)
+            text = "gone; nothing reaches the autopilot any more, its own failsafe stops the vehicle"
+            self._events.emit(Event.GATE_NOTICE, text=text)
 
 
 def _age(value_s: float) -> float:

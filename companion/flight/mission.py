@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-import logging
+from collections.abc import Callable
 from contextlib import AsyncExitStack, nullcontext
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -21,6 +21,7 @@ from companion.config.show import dump_yaml
 from companion.errors import InputError
 from companion.flight.airborne import InTheAir
 from companion.flight.control_loop import Pilot
+from companion.flight.events import Event, EventEmitter
 from companion.flight.gate_client import GateTalk
 from companion.flight.gate_socket import GateLink
 from companion.flight.operator_commands import InterruptedFlightError, Orders
@@ -28,8 +29,9 @@ from companion.flight.phase import PhaseEvent, PhaseMachine
 from companion.flight.preflight import CheckResult
 from companion.flight.preflight.run import Options, checked, passed
 from companion.flight.rate import Pace
-from companion.flight.reporting import Announcements, MapFeed, Recording, Say
+from companion.flight.reporting import MapFeed, Recording, TickReporter
 from companion.flight.session import Session, open_session
+from companion.flight.sinks import console, recording, status_text
 from companion.flight.tasks import background
 from companion.flight.termination import Ending
 from companion.flight.warm_up import warm_up
@@ -37,22 +39,24 @@ from companion.mapping.process.client import MapWorker, check_folder
 from companion.mapping.process.status import MapError
 from companion.pipeline import Explorer
 from companion.recording import FlightInfo, Recorder
-from companion.recording.content import ENDED
+
+Show = Callable[[str], None]
 
 CHECKS_HOLD_S = 30.0
 """A start that comes later than this finds the vehicle checked anew: a battery empties, a sensor falls silent."""
 
 
-async def check(settings: Settings, options: Options, gate: GateLink, say: Say) -> list[CheckResult]:
+async def check(settings: Settings, options: Options, gate: GateLink, show: Show) -> list[CheckResult]:
     """Connect, listen for a moment and run the pre-flight checks. Nothing is armed."""
-    _load(settings, say)
+    events = EventEmitter(console(show))
+    _load(settings, events)
     clock, flight = MonotonicClock(), PhaseMachine()
-    async with open_session(settings, clock, GateTalk(gate, clock, say, flight), flight) as session:
-        return await checked(session, options, say)
+    async with open_session(settings, clock, GateTalk(gate, clock, events, flight), flight) as session:
+        return await checked(session, options, events)
 
 
 async def fly(
-    settings: Settings, options: Options, gate: GateLink, say: Say, resume_map: Path | None = None
+    settings: Settings, options: Options, gate: GateLink, show: Show, resume_map: Path | None = None
 ) -> dict[str, Any]:
     """One flight: checks, start, take-off, exploring, and the end as configured.
 
@@ -62,7 +66,7 @@ async def fly(
         settings: the whole configuration.
         options: what the command line adds.
         gate: the safety gate, through which everything goes to the autopilot.
-        say: shows a line to the operator.
+        show: prints a line for the operator.
         resume_map: the folder of an earlier flight whose map goes on, from the same start of the autopilot; the map
             stays in that folder.
 
@@ -78,27 +82,29 @@ async def fly(
     check_folder(resume_map, resume=True)
     flight = PhaseMachine()
     orders = Orders(settings.mission.start == "command", flight)
-    _load(settings, say)
+    events = EventEmitter(console(show))
+    _load(settings, events)
     with orders.signals():
         try:
             clock = MonotonicClock()
-            async with open_session(settings, clock, GateTalk(gate, clock, say, flight), flight) as session:
+            async with open_session(settings, clock, GateTalk(gate, clock, events, flight), flight) as session:
                 orders.listen(session.link)
                 announcer = Announcer(session.link, session.clock)
+                events.add(status_text(announcer))
                 async with background(announcer.run()):
-                    results = await passed(session, options, announcer, say)
-                    return await _Flight(session, options, orders, announcer, say, resume_map).run(results)
+                    results = await passed(session, options, events)
+                    return await _Flight(session, options, orders, announcer, events, resume_map).run(results)
         except asyncio.CancelledError:
             if not orders.interrupted:
                 raise
             raise InterruptedFlightError("stopped before the take-off; nothing was armed") from None
 
 
-def _load(settings: Settings, say: Say) -> None:
+def _load(settings: Settings, events: EventEmitter) -> None:
     """Before anything listens: what is compiled while messages arrive makes all of them late."""
-    say("loading the navigator (the first time on a computer compiles it, about a minute)")
+    events.emit(Event.LOADING)
     warm_up(settings)
-    say(f"looking for the autopilot at {settings.autopilot.url}")
+    events.emit(Event.CONNECTING, url=settings.autopilot.url)
 
 
 class _Flight:
@@ -110,7 +116,7 @@ class _Flight:
         options: Options,
         orders: Orders,
         announcer: Announcer,
-        say: Say,
+        events: EventEmitter,
         resume_map: Path | None,
     ) -> None:
         drawn = int(np.random.SeedSequence().generate_state(1)[0])
@@ -121,11 +127,11 @@ class _Flight:
         self._announcer = announcer
         self._gate = session.gate
         self._seed = drawn if options.seed is None else options.seed
-        self._say = say
+        self._events = events
         self._resume_map = resume_map
 
     async def run(self, results: list[CheckResult]) -> dict[str, Any]:
-        settings, session = self._settings, self._session
+        settings, session, events = self._settings, self._session, self._events
         folder = _new_folder(Path(settings.record.folder))
         (folder / "settings.yaml").write_text(dump_yaml(settings), encoding="utf-8")
         rng = np.random.default_rng(self._seed)
@@ -133,18 +139,15 @@ class _Flight:
         explorer = Explorer(settings, rng)
         async with AsyncExitStack() as stack:
             recorder = stack.enter_context(Recorder(folder / "flight.mcap", settings.record, info, session.clock))
-            self._gate.recorder = recorder
-            self._say("starting the map (the first start on a computer compiles it: a minute, on a small one several)")
+            events.add(recording(recorder))
+            events.emit(Event.MAP_STARTING)
             map_folder = self._resume_map or folder
             mapper = await stack.enter_async_context(self._mapper(map_folder))
             if self._resume_map is not None:
-                self._say(f"the map of {map_folder} goes on: {mapper.status.resumed_chunks} chunks")
+                events.emit(Event.MAP_RESUMED, folder=map_folder, chunks=mapper.status.resumed_chunks)
             self._gate.has_map(lambda: mapper.status.age_s)
-            announcements = Announcements(
-                self._announcer, session.telemetry, mapper, recorder, self._say, session.flight
-            )
-            announcements.checks(results)
-            results = await self._wait_for_start(announcements, results)
+            self._record(results)
+            results = await self._wait_for_start(results)
             vehicle = Vehicle(session.link, session.telemetry, settings, session.clock)
             pilot = Pilot(
                 session.inputs,
@@ -152,17 +155,21 @@ class _Flight:
                 Pace(session.clock, settings.control.period_s),
                 session.flight,
                 vehicle,
-                (Recording(recorder, explorer.navigator), MapFeed(mapper), announcements),
+                (
+                    Recording(recorder, explorer.navigator),
+                    MapFeed(mapper),
+                    TickReporter(events, self._announcer, session.telemetry, mapper, session.flight),
+                ),
                 self._gate,
             )
-            in_the_air = InTheAir(session, self._orders, vehicle, pilot, mapper, announcements)
+            in_the_air = InTheAir(session, self._orders, vehicle, pilot, mapper, events)
             broke_off: Exception | None = None
             try:
                 why: str = (await in_the_air.run()).value
             except Exception as error:  # noqa: BLE001 - it is raised again, when nothing is lost any more
                 # The vehicle holds or lands by now; what was flown for must not be lost with the flight.
                 broke_off, why = error, f"broke off: {error}"
-                recorder.event(ENDED, why, logging.ERROR)
+                events.emit(Event.BROKE_OFF, why=why)
             files, problem = await self._save(mapper)
             explored = {
                 "explored_s": round(in_the_air.explored_s, 1),
@@ -172,7 +179,7 @@ class _Flight:
             summary = self._summary(why, results, mapper, recorder) | explored
         text = json.dumps(summary, indent=2) + "\n"
         (folder / "summary.json").write_text(text, encoding="utf-8")
-        self._say(f"{why}: {len(files)} map files are in {map_folder}, the recording in {folder}")
+        events.emit(Event.OVER, why=why, files=len(files), map_folder=map_folder, folder=folder)
         if broke_off is not None:
             raise broke_off
         return summary
@@ -192,29 +199,35 @@ class _Flight:
 
     async def _save(self, mapper: MapWorker) -> tuple[list[Path], str | None]:
         """The files of the map, or why there are none: a full disk must not end what comes after a flight."""
-        self._say("writing the map")
+        self._events.emit(Event.MAP_WRITING)
         try:
             return await mapper.save(), None
         except MapError as error:
-            self._say(f"the map was not written: {error}")
+            self._events.emit(Event.MAP_NOT_WRITTEN, error=error)
             return [], str(error)
 
-    async def _wait_for_start(self, announcements: Announcements, results: list[CheckResult]) -> list[CheckResult]:
+    async def _wait_for_start(self, results: list[CheckResult]) -> list[CheckResult]:
         """Wait for the order. What was checked long before it is checked again."""
         start, clock = self._settings.mission.start, self._session.clock
         if start == "now":
             return results
         checked_s = clock.now_s()
         self._session.flight.update(PhaseEvent.READY)
-        announcements.phase()
-        self._say("ready: press Enter to take off" if start == "key" else "ready: waiting for MAV_CMD_MISSION_START")
+        self._events.emit(Event.WAITING)
+        self._events.emit(Event.READY_FOR_KEY if start == "key" else Event.READY_FOR_COMMAND)
         with self._orders.enter_key() if start == "key" else nullcontext():
             await self._orders.start.wait()
         if clock.now_s() - checked_s > CHECKS_HOLD_S:
-            self._say("checking again")
-            results = await passed(self._session, self._options, self._announcer, self._say)
-            announcements.checks(results)
+            self._events.emit(Event.CHECKING_AGAIN)
+            results = await passed(self._session, self._options, self._events)
+            self._record(results)
         return results
+
+    def _record(self, results: list[CheckResult]) -> None:
+        """Put every check on record, above all those that were skipped."""
+        for result in results:
+            event = Event.CHECK_SKIPPED if result.skipped else Event.CHECK_PASSED
+            self._events.emit(event, name=result.name, found=result.found)
 
     def _summary(self, why: str, results: list[CheckResult], mapper: MapWorker, recorder: Recorder) -> dict[str, Any]:
         session, status = self._session, mapper.status

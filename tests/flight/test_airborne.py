@@ -12,6 +12,7 @@ import pytest
 
 from companion.config.load import load_settings
 from companion.flight.airborne import InTheAir
+from companion.flight.events import Event, EventEmitter
 from companion.flight.gate_client import GateLostError, GateTalk, GateTookOverError
 from companion.flight.operator_commands import InterruptedFlightError, Orders
 from companion.flight.phase import FlightPhase, PhaseMachine
@@ -93,13 +94,13 @@ class Stand:
     def __init__(self, gate: FakeGate) -> None:
         self.gate = gate
         self.phases = PhaseMachine()
-        self.talk = GateTalk(gate.link, HandClock(), lambda _: None, self.phases)
+        self.talk = GateTalk(gate.link, HandClock(), EventEmitter(), self.phases)
         self.vehicle = Vehicle(self.talk)
         self.pilot = Pilot(self.talk, self.phases)
         self.orders = Orders(by_command=False, flight=self.phases)
         self.status = STATUS
-        self.ended: list[tuple[Ending, str]] = []
-        announcements = SimpleNamespace(phase=lambda: None, ended=lambda *told: self.ended.append(told))
+        self.events: list[tuple[Event, dict[str, object]]] = []
+        emitter = EventEmitter(lambda event, details: self.events.append((event, dict(details))))
         session = SimpleNamespace(
             settings=load_settings(),
             clock=SimpleNamespace(now_s=lambda: 0.0),
@@ -108,7 +109,7 @@ class Stand:
             gate=self.talk,
             flight=self.phases,
         )
-        parts: Any = (session, self.orders, self.vehicle, self.pilot, self, announcements)
+        parts: Any = (session, self.orders, self.vehicle, self.pilot, self, emitter)
         self.flight = InTheAir(*parts)
 
     def _state(self, _: float) -> object:
@@ -181,7 +182,8 @@ def test_when_the_gate_dies_during_the_take_off_it_is_over_at_once(hangs: str, s
 
 def test_when_the_gate_holds_hands_are_off_and_it_is_named(stand: Stand) -> None:
     assert stand.fly("gate holds") is Ending.GATE
-    assert stand.ended == [(Ending.GATE, "hold: depth_stale")]
+    why, end = "gate took over hold: depth_stale", "gate took over"
+    assert stand.events[-1] == (Event.ENDED_EARLY, {"why": why, "end": end, "then": "hands off"})
     assert "land" not in stand.told
     assert stand.talk.phase is Phase.ENDED
 

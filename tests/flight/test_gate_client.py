@@ -11,8 +11,10 @@ from typing import cast
 
 import pytest
 
+from companion.flight.events import EventEmitter
 from companion.flight.gate_client import KINDS_OF_NOTICES, OTHERS, GateLostError, GateTalk
 from companion.flight.phase import FlightPhase, PhaseMachine
+from companion.flight.sinks import console, recording
 from companion.gate.protocol import Phase
 from companion.model import Pose
 from companion.recording import Recorder
@@ -33,8 +35,8 @@ class Stand:
         self.said: list[str] = []
         self.notes = Notes()
         self.flight = PhaseMachine()
-        self.talk = GateTalk(gate.link, self.clock, self.said.append, self.flight)
-        self.talk.recorder = cast("Recorder", self.notes)
+        events = EventEmitter(console(self.said.append), recording(cast("Recorder", self.notes)))
+        self.talk = GateTalk(gate.link, self.clock, events, self.flight)
 
 
 @pytest.fixture

@@ -12,15 +12,14 @@ import pytest
 from companion.autopilot.status_reporter import Announcer
 from companion.autopilot.telemetry import Telemetry
 from companion.flight.control_loop import TickRecord
+from companion.flight.events import EventEmitter
 from companion.flight.phase import FlightPhase, PhaseMachine
-from companion.flight.preflight import CheckResult
-from companion.flight.reporting import Announcements, MapFeed
-from companion.flight.termination import Ending
+from companion.flight.reporting import MapFeed, TickReporter
+from companion.flight.sinks import console, recording, status_text
 from companion.mapping.process.client import MapWorker
 from companion.mapping.process.status import MapStatus
 from companion.model import DepthFrame, Mode, Observation, PlanarScan, Pose, Setpoint
 from companion.recording import Recorder
-from companion.recording.content import ENDED, ENGAGED
 from tests.autopilot.fake_link import FakeLink, HandClock
 from tests.control.stages import beside
 from tests.flight.test_control_loop import CAMERA
@@ -69,7 +68,7 @@ class Notes:
 
 
 class Stand:
-    """Announcements with everything around them."""
+    """A reporter with everything around it."""
 
     def __init__(self) -> None:
         self.clock = HandClock(100.0)
@@ -80,19 +79,12 @@ class Stand:
         self.said: list[str] = []
         self.mapper = Mapper()
         self.flight = PhaseMachine()
-        self.announcements = Announcements(
-            self.announcer,
-            self.telemetry,
-            cast("MapWorker", self.mapper),
-            cast("Recorder", self.notes),
-            self.said.append,
-            self.flight,
+        self.events = EventEmitter(
+            console(self.said.append), status_text(self.announcer), recording(cast("Recorder", self.notes))
         )
-
-    def phase(self, phase: FlightPhase) -> None:
-        """The flight has come to this."""
-        self.flight.phase = phase
-        self.announcements.phase()
+        self.reporter = TickReporter(
+            self.events, self.announcer, self.telemetry, cast("MapWorker", self.mapper), self.flight
+        )
 
     def tick(self, **changes: Any) -> None:
         """50 ms later, a tick along a wall unless told otherwise."""
@@ -102,7 +94,7 @@ class Stand:
         well = TickRecord(
             now_s, Observation(now_s, POSE), told, Mode.BOUNDARY, Setpoint(now_s, 0.5, 0.0, 0.1), True, True, (), 0.001
         )
-        self.announcements(replace(well, **changes))
+        self.reporter(replace(well, **changes))
         self.announcer.tick()
 
     def texts(self) -> list[str]:
@@ -120,7 +112,7 @@ def test_ground_stations_get_d_h_and_completeness() -> None:
 
 def test_a_change_of_mode_is_told_once() -> None:
     stand = Stand()
-    stand.phase(FlightPhase.EXPLORING)
+    stand.flight.phase = FlightPhase.EXPLORING
     for _ in range(40):
         stand.tick()
     for _ in range(40):
@@ -132,7 +124,7 @@ def test_a_change_of_mode_is_told_once() -> None:
 def test_a_stop_says_why_and_that_it_is_over() -> None:
     """A late frame is no event; inputs lost for longer than half a second are."""
     stand = Stand()
-    stand.phase(FlightPhase.EXPLORING)
+    stand.flight.phase = FlightPhase.EXPLORING
     stand.tick()
     for _ in range(4):
         stand.tick(missing=("depth",), mode=Mode.HOLD)
@@ -150,31 +142,12 @@ def test_a_stop_says_why_and_that_it_is_over() -> None:
     assert stand.link.sent_named("HEARTBEAT")[-1]["system_status"] == 4
 
 
-def test_the_exploring_is_marked_in_the_recording() -> None:
-    """The figures of a flight are taken between these two."""
-    stand = Stand()
-    stand.phase(FlightPhase.TAKING_OFF)
-    stand.phase(FlightPhase.EXPLORING)
-    stand.announcements.ended(Ending.PILOT, "loiter")
-    assert [name for name, _, _ in stand.notes.events] == ["phase", ENGAGED, ENDED]
-    assert stand.said[-1] == "exploring ended: pilot or failsafe took over loiter"
-
-
 def test_what_the_autopilot_says_reaches_the_operator_once() -> None:
     stand = Stand()
     stand.link.deliver("STATUSTEXT", {"severity": 4, "text": "Low battery"})
     stand.tick()
     stand.tick()
     assert stand.said == ["autopilot: Low battery"]
-
-
-def test_skipped_checks_are_on_record() -> None:
-    stand = Stand()
-    passed = CheckResult("link", True, "0.1 s", "below 3 s", "why")
-    skipped = CheckResult("battery", False, "not looked at", "above 25 %", "why", skipped=True)
-    stand.announcements.checks([passed, skipped])
-    assert ("check", "battery skipped: not looked at", logging.WARNING) in stand.notes.events
-    assert len(stand.notes.events) == 2
 
 
 def test_trouble_of_the_map_is_told_once_and_when_it_is_over() -> None:

@@ -22,10 +22,12 @@ from companion.autopilot.vehicle import Vehicle
 from companion.config.sensors import CameraSettings, PlanarSettings, SensorSettings
 from companion.config.settings import Settings
 from companion.flight.control_loop import Pilot, TickRecord
+from companion.flight.events import EventEmitter
 from companion.flight.operator_commands import Orders
 from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.flight.rate import Pace
-from companion.flight.reporting import Announcements
+from companion.flight.reporting import TickReporter
+from companion.flight.sinks import console, recording, status_text
 from companion.mapping.process.client import MapWorker
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavCmd
@@ -93,12 +95,12 @@ class Flying:
         self.driver = MavlinkDriver(self.link, self.clock, {"DISTANCE_SENSOR": 20.0, "OBSTACLE_DISTANCE": 10.0})
         self.said: list[str] = []
         explorer = Explorer(SETTINGS, np.random.default_rng(1))
-        self.announcements = Announcements(
+        recorder = cast("Recorder", SimpleNamespace(event=lambda _name, text, *_: text.encode()))
+        reporter = TickReporter(
+            EventEmitter(console(self._say), status_text(self.announcer), recording(recorder)),
             self.announcer,
             self.telemetry,
             cast("MapWorker", SimpleNamespace(status=SimpleNamespace(completeness=0.5, frontiers=3, problem=""))),
-            cast("Recorder", SimpleNamespace(event=lambda _name, text, *_: text.encode())),
-            self._say,
             self.flight,
         )
         self.pilot = Pilot(
@@ -107,7 +109,7 @@ class Flying:
             Pace(self.clock, SETTINGS.control.period_s),
             self.flight,
             self.vehicle,
-            (self.announcements,),
+            (reporter,),
         )
         self.faults = Faults()
         self.count = 0
@@ -245,7 +247,6 @@ async def flying(kind: AutopilotKind = AutopilotKind.PX4, explore: bool = True) 
             bench.link.on_command = bench.obey
             await bench.vehicle.engage()
             bench.flight.phase = FlightPhase.EXPLORING
-            bench.announcements.phase()
         yield bench
     finally:
         driving.cancel()

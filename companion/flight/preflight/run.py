@@ -8,15 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.autopilot.status_reporter import Announcer
 from companion.errors import CompanionError
 from companion.flight.control_loop import Pilot
+from companion.flight.events import Event, EventEmitter
 from companion.flight.preflight import CheckResult, refusal, render, run_checks
 from companion.flight.rate import Pace
-from companion.flight.reporting import Say
 from companion.flight.session import Session
 from companion.flight.tasks import background
-from companion.mavlink.ids import MavSeverity
 from companion.pipeline import Explorer
 
 SETTLE_S = 3.0
@@ -47,20 +45,18 @@ class Options:
     skip: Collection[str] = ()
 
 
-async def passed(session: Session, options: Options, announcer: Announcer, say: Say) -> list[CheckResult]:
+async def passed(session: Session, options: Options, events: EventEmitter) -> list[CheckResult]:
     """The results, when the vehicle may fly; told to the pilot when it may not."""
-    results = await checked(session, options, say)
+    results = await checked(session, options, events)
     why = refusal(results)
     if why is None:
         return results
     names = ", ".join(result.name for result in results if result.failed)
-    announcer.say(f"not armed: {names}", MavSeverity.ERROR)
-    announcer.tick()
-    say(render(results))
+    events.emit(Event.REFUSED, results=render(results), failed=names)
     raise FlightRefusedError(why)
 
 
-async def checked(session: Session, options: Options, say: Say) -> list[CheckResult]:
+async def checked(session: Session, options: Options, events: EventEmitter) -> list[CheckResult]:
     """Wait until the autopilot knows its position, listen for a while, and look at everything."""
     settings, clock = session.settings, session.clock
     pilot = Pilot(
@@ -72,7 +68,7 @@ async def checked(session: Session, options: Options, say: Say) -> list[CheckRes
         gate=session.gate,
     )
     async with background(pilot.run()):
-        await _until_position(session, say)
+        await _until_position(session, events)
         await asyncio.sleep(SETTLE_S)
         return await run_checks(
             session.link,
@@ -86,14 +82,14 @@ async def checked(session: Session, options: Options, say: Say) -> list[CheckRes
         )
 
 
-async def _until_position(session: Session, say: Say) -> None:
+async def _until_position(session: Session, events: EventEmitter) -> None:
     """An autopilot that has just been switched on needs up to a minute: what it lacks then is no failure yet."""
-    say("connected; listening to the autopilot and the sensors")
+    events.emit(Event.CONNECTED)
     clock, timeout_s = session.clock, session.settings.autopilot.ready_timeout_s
     began_s = clock.now_s()
     told = False
     while not session.telemetry.state(clock.now_s()).position_valid and clock.now_s() < began_s + timeout_s:
         if not told and clock.now_s() > began_s + SETTLE_S:
             told = True
-            say(f"waiting for the autopilot's position, up to {timeout_s:g} s")
+            events.emit(Event.NO_POSITION_YET, timeout_s=timeout_s)
         await asyncio.sleep(LOOK_PERIOD_S)
