@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
 from pathlib import Path
 from typing import Annotated, Literal, NoReturn
 
@@ -112,19 +111,12 @@ def _through_the_gate(
 ) -> NoReturn:
     """Load the settings and hand them over: this process becomes the gate."""
     from companion.config.load import load
-    from companion.flight import launch as handover
+    from companion.flight import launch
+    from companion.flight.request import FlightRequest
     from companion.safety_case.gate_plan import refuse_if_reachable
 
     loaded = load(config, preset)
-    settings = loaded.settings
-    if start is not None:
-        settings = settings.model_copy(update={"mission": settings.mission.model_copy(update={"start": start})})
-    refuse_if_reachable(settings)
-    words = [what, "--preset", loaded.preset]
-    words += [] if seed is None else ["--seed", str(seed)]
-    words += ["--fix"] if fix else []
-    words += [f"--skip={name}" for name in skip or ()]
-    words += [] if resume_map is None else ["--resume-map", str(resume_map.resolve())]
-    # After a death nothing flies by itself: a person starts it, here or at a ground station.
-    by_whom = "key" if sys.stdin is not None and sys.stdin.isatty() else "command"
-    handover.become_the_gate(settings, words, None if what == "check" else [*words, "--start", by_whom])
+    refuse_if_reachable(loaded.settings)
+    folder = None if resume_map is None else resume_map.resolve()
+    request = FlightRequest(what, loaded.settings, loaded.preset, seed, fix, tuple(skip or ()), folder)
+    launch.become_the_gate(request if start is None else request.started_by(start))

@@ -27,9 +27,10 @@ from companion.flight.gate_socket import GateLink
 from companion.flight.operator_commands import InterruptedFlightError, Orders
 from companion.flight.phase import PhaseEvent, PhaseMachine
 from companion.flight.preflight import CheckResult
-from companion.flight.preflight.run import Options, checked, passed
+from companion.flight.preflight.run import checked, passed
 from companion.flight.rate import Pace
 from companion.flight.reporting import MapFeed, Recording, TickReporter
+from companion.flight.request import FlightRequest
 from companion.flight.session import Session, open_session
 from companion.flight.sinks import console, recording, status_text
 from companion.flight.tasks import background
@@ -46,29 +47,25 @@ CHECKS_HOLD_S = 30.0
 """A start that comes later than this finds the vehicle checked anew: a battery empties, a sensor falls silent."""
 
 
-async def check(settings: Settings, options: Options, gate: GateLink, show: Show) -> list[CheckResult]:
+async def check(request: FlightRequest, gate: GateLink, show: Show) -> list[CheckResult]:
     """Connect, listen for a moment and run the pre-flight checks. Nothing is armed."""
     events = EventEmitter(console(show))
+    settings = request.settings
     _load(settings, events)
     clock, flight = MonotonicClock(), PhaseMachine()
     async with open_session(settings, clock, GateTalk(gate, clock, events, flight), flight) as session:
-        return await checked(session, options, events)
+        return await checked(session, request, events)
 
 
-async def fly(
-    settings: Settings, options: Options, gate: GateLink, show: Show, resume_map: Path | None = None
-) -> dict[str, Any]:
+async def fly(request: FlightRequest, gate: GateLink, show: Show) -> dict[str, Any]:
     """One flight: checks, start, take-off, exploring, and the end as configured.
 
     Whatever happens in it, the vehicle is left holding or landing, or in its pilot's hands.
 
     Args:
-        settings: the whole configuration.
-        options: what the command line adds.
+        request: the settings, and what the command line adds.
         gate: the safety gate, through which everything goes to the autopilot.
         show: prints a line for the operator.
-        resume_map: the folder of an earlier flight whose map goes on, from the same start of the autopilot; the map
-            stays in that folder.
 
     Returns:
         The summary, as it is written to ``summary.json`` in the flight's folder.
@@ -79,7 +76,8 @@ async def fly(
         InputError: there is no map to resume.
         CompanionError: the flight could not begin, or broke off.
     """
-    check_folder(resume_map, resume=True)
+    settings = request.settings
+    check_folder(request.resume_map, resume=True)
     flight = PhaseMachine()
     orders = Orders(settings.mission.start == "command", flight)
     events = EventEmitter(console(show))
@@ -92,8 +90,8 @@ async def fly(
                 announcer = Announcer(session.link, session.clock)
                 events.add(status_text(announcer))
                 async with background(announcer.run()):
-                    results = await passed(session, options, events)
-                    return await _Flight(session, options, orders, announcer, events, resume_map).run(results)
+                    results = await passed(session, request, events)
+                    return await _Flight(session, request, orders, announcer, events).run(results)
         except asyncio.CancelledError:
             if not orders.interrupted:
                 raise
@@ -113,22 +111,20 @@ class _Flight:
     def __init__(
         self,
         session: Session,
-        options: Options,
+        request: FlightRequest,
         orders: Orders,
         announcer: Announcer,
         events: EventEmitter,
-        resume_map: Path | None,
     ) -> None:
         drawn = int(np.random.SeedSequence().generate_state(1)[0])
         self._session = session
         self._settings = session.settings
-        self._options = options
+        self._request = request
         self._orders = orders
         self._announcer = announcer
         self._gate = session.gate
-        self._seed = drawn if options.seed is None else options.seed
+        self._seed = drawn if request.seed is None else request.seed
         self._events = events
-        self._resume_map = resume_map
 
     async def run(self, results: list[CheckResult]) -> dict[str, Any]:
         settings, session, events = self._settings, self._session, self._events
@@ -141,9 +137,9 @@ class _Flight:
             recorder = stack.enter_context(Recorder(folder / "flight.mcap", settings.record, info, session.clock))
             events.add(recording(recorder))
             events.emit(Event.MAP_STARTING)
-            map_folder = self._resume_map or folder
+            map_folder = self._request.resume_map or folder
             mapper = await stack.enter_async_context(self._mapper(map_folder))
-            if self._resume_map is not None:
+            if self._request.resume_map is not None:
                 events.emit(Event.MAP_RESUMED, folder=map_folder, chunks=mapper.status.resumed_chunks)
             self._gate.has_map(lambda: mapper.status.age_s)
             self._record(results)
@@ -191,7 +187,7 @@ class _Flight:
             (settings.sensors.camera.model(),),
             settings.control,
             folder,
-            resume=self._resume_map is not None,
+            resume=self._request.resume_map is not None,
             half_slab_m=settings.half_slab_m,
             max_slope=settings.sensors.scan.max_ground_slope,
             clock=self._session.clock,
@@ -219,7 +215,7 @@ class _Flight:
             await self._orders.start.wait()
         if clock.now_s() - checked_s > CHECKS_HOLD_S:
             self._events.emit(Event.CHECKING_AGAIN)
-            results = await passed(self._session, self._options, self._events)
+            results = await passed(self._session, self._request, self._events)
             self._record(results)
         return results
 
@@ -232,7 +228,7 @@ class _Flight:
     def _summary(self, why: str, results: list[CheckResult], mapper: MapWorker, recorder: Recorder) -> dict[str, Any]:
         session, status = self._session, mapper.status
         return {
-            "preset": self._options.preset,
+            "preset": self._request.preset,
             "seed": self._seed,
             "autopilot": session.link.kind.value,
             "ended_because": why,

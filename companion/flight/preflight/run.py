@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Collection
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +11,7 @@ from companion.flight.control_loop import Pilot
 from companion.flight.events import Event, EventEmitter
 from companion.flight.preflight import CheckResult, refusal, render, run_checks
 from companion.flight.rate import Pace
+from companion.flight.request import FlightRequest
 from companion.flight.session import Session
 from companion.flight.tasks import background
 from companion.pipeline import Explorer
@@ -28,26 +27,9 @@ class FlightRefusedError(CompanionError):
     """A pre-flight check failed."""
 
 
-@dataclass(frozen=True, slots=True)
-class Options:
-    """What the command line adds to the settings.
-
-    Attributes:
-        preset: its name, for the records.
-        seed: draws every choice of the navigator; None draws a new one, which is recorded.
-        fix: whether pre-flight may set parameters of the autopilot.
-        skip: names of checks to skip, besides those in the settings.
-    """
-
-    preset: str
-    seed: int | None = None
-    fix: bool = False
-    skip: Collection[str] = ()
-
-
-async def passed(session: Session, options: Options, events: EventEmitter) -> list[CheckResult]:
+async def passed(session: Session, request: FlightRequest, events: EventEmitter) -> list[CheckResult]:
     """The results, when the vehicle may fly; told to the pilot when it may not."""
-    results = await checked(session, options, events)
+    results = await checked(session, request, events)
     why = refusal(results)
     if why is None:
         return results
@@ -56,7 +38,7 @@ async def passed(session: Session, options: Options, events: EventEmitter) -> li
     raise FlightRefusedError(why)
 
 
-async def checked(session: Session, options: Options, events: EventEmitter) -> list[CheckResult]:
+async def checked(session: Session, request: FlightRequest, events: EventEmitter) -> list[CheckResult]:
     """Wait until the autopilot knows its position, listen for a while, and look at everything."""
     settings, clock = session.settings, session.clock
     pilot = Pilot(
@@ -75,8 +57,8 @@ async def checked(session: Session, options: Options, events: EventEmitter) -> l
             session.telemetry,
             settings,
             session.sink.statistics(clock.now_s()),
-            fix=options.fix,
-            skip=(*settings.mission.skip_checks, *options.skip),
+            fix=request.fix,
+            skip=(*settings.mission.skip_checks, *request.skip),
             height_m=pilot.measured_height_m(),
             clock=clock,
         )
