@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import math
-from collections.abc import Callable, Coroutine
-from typing import Any
 
 from companion.autopilot.interface import Link, Message
 from companion.autopilot.telemetry import Telemetry
@@ -27,7 +24,6 @@ ARM_PATIENCE_S = 10.0
 ARM_PERIOD_S = 2.0
 
 _log = logging.getLogger(__name__)
-Sleep = Callable[[float], Coroutine[Any, Any, None]]
 
 
 class FlightError(CompanionError):
@@ -46,19 +42,15 @@ class Commander:
         telemetry: knows what it says.
         clock: what time it is.
         timeout_s: how long to wait for the acknowledgement of a command.
-        sleep: waits for a time in s; tests hand in one that moves their clock.
 
     Attributes:
         watch: whose the vehicle is.
         asked_to_arm: whether this flight is ours to end.
     """
 
-    def __init__(
-        self, link: Link, telemetry: Telemetry, clock: Clock, timeout_s: float, sleep: Sleep = asyncio.sleep
-    ) -> None:
+    def __init__(self, link: Link, telemetry: Telemetry, clock: Clock, timeout_s: float) -> None:
         self.link = link
         self.clock = clock
-        self.sleep = sleep
         self.personality = personality(link.kind)
         self.watch = ModeWatch(link.kind)
         self.asked_to_arm = False
@@ -134,7 +126,7 @@ class Commander:
             told = self.watch.heartbeat_s > accepted_s + HEARTBEAT_LATE_S
             if (waited_s > MODE_GRACE_S and told) or waited_s > MODE_LIMIT_S:
                 raise self.failure(f"the autopilot accepted the mode {name} but does not show it", asked_s)
-            await self.sleep(POLL_S)
+            await self.clock.sleep(POLL_S)
 
     async def arm(self) -> None:
         """Arm; a refusal is tried again for a while, since many of its reasons pass.
@@ -156,7 +148,7 @@ class Commander:
                 return
             if self.clock.now_s() - began_s >= ARM_PATIENCE_S:
                 raise self.failure(f"the autopilot refuses to arm ({result_name(result)})", began_s)
-            await self.sleep(ARM_PERIOD_S)
+            await self.clock.sleep(ARM_PERIOD_S)
 
     def failure(self, what: str, since_s: float) -> FlightError:
         """An error with everything that the autopilot has said since then."""

@@ -57,7 +57,7 @@ class Helm:
         commander = self._commander
         offboard = commander.personality.offboard
         if commander.personality.streams_before_mode:
-            await self.while_still(commander.sleep(STREAM_BEFORE_S))
+            await self.while_still(commander.clock.sleep(STREAM_BEFORE_S))
             await self.while_still(commander.mode(offboard))
         else:
             await commander.mode(offboard)
@@ -76,7 +76,7 @@ class Helm:
             while not task.done():
                 self._commander.check_ours()
                 self._transmit(Setpoint(self._commander.clock.now_s(), 0.0, 0.0, 0.0))
-                await self._commander.sleep(POLL_S)
+                await self._commander.clock.sleep(POLL_S)
             return task.result()
         finally:
             task.cancel()

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import math
 from collections import deque
-from collections.abc import Callable, Coroutine
-from typing import Any
 
 from companion.autopilot.interface import Link, LinkError
 from companion.clock import Clock
@@ -33,17 +30,13 @@ class Announcer:
     Args:
         link: to the autopilot, which passes on what ground stations should see.
         clock: what time it is.
-        sleep: waits for a time in s; tests hand in one that moves their clock.
     """
 
-    def __init__(
-        self, link: Link, clock: Clock, sleep: Callable[[float], Coroutine[Any, Any, None]] = asyncio.sleep
-    ) -> None:
+    def __init__(self, link: Link, clock: Clock) -> None:
         self.dropped = 0
         """Texts that were overtaken by newer ones before their turn came."""
         self._link = link
         self._clock = clock
-        self._sleep = sleep
         self._state = MavState.STANDBY
         self._armed = False
         self._values: dict[str, float] = {}
@@ -95,7 +88,7 @@ class Announcer:
         try:
             while True:
                 self.tick()
-                await self._sleep(TICK_S)
+                await self._clock.sleep(TICK_S)
         finally:
             self.tick()
 

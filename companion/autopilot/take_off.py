@@ -171,7 +171,7 @@ class TakeOff:
             elif near_s is None and highest_m > ground_m + LIFTED_M and now_s - highest_s > STALLED_S:
                 _log.info("the autopilot's take-off ended at %.2f m: climbing on by setpoints", highest_m)
                 await self._helm.engage()
-            await commander.sleep(POLL_S)
+            await clock.sleep(POLL_S)
 
     def _climb_mps(self, height_m: float, now_m: float | None) -> float:
         """The height law (6) of the paper; nothing when the height is not known, except near the ground."""

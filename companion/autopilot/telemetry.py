@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
 from collections import deque
 
@@ -93,7 +92,7 @@ class Telemetry:
         """Keep asking, until cancelled."""
         while True:
             self.ask(self._clock.now_s())
-            await asyncio.sleep(PERIOD_S)
+            await self._clock.sleep(PERIOD_S)
 
     def ask(self, now_s: float) -> None:
         """Ask for whatever is due at ``now_s``: rates, the time, the version."""

@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import Self
 
 from companion.autopilot.interface import Link, LinkError
-from companion.autopilot.mode_control import POLL_S, Commander, FlightError, Sleep, TakenOver
+from companion.autopilot.mode_control import POLL_S, Commander, FlightError, TakenOver
 from companion.autopilot.offboard import Helm
 from companion.autopilot.take_off import TakeOff
 from companion.autopilot.telemetry import Telemetry
@@ -41,21 +41,13 @@ class Vehicle:
         telemetry: what the autopilot says of itself.
         settings: the whole configuration.
         clock: what time it is.
-        sleep: waits for a time in s; tests hand in one that moves their clock.
     """
 
-    def __init__(
-        self,
-        link: Link,
-        telemetry: Telemetry,
-        settings: Settings,
-        clock: Clock,
-        sleep: Sleep = asyncio.sleep,
-    ) -> None:
+    def __init__(self, link: Link, telemetry: Telemetry, settings: Settings, clock: Clock) -> None:
         self._telemetry = telemetry
         self._settings = settings
         self._clock = clock
-        self._commander = Commander(link, telemetry, clock, settings.autopilot.command_timeout_s, sleep)
+        self._commander = Commander(link, telemetry, clock, settings.autopilot.command_timeout_s)
         self._helm = Helm(self._commander, settings.autopilot.silence_s)
         self._start_z_m: float | None = None
 
@@ -162,7 +154,7 @@ class Vehicle:
             self._commander.check_ours()
             if self._clock.now_s() > give_up_s:
                 return False
-            await self._commander.sleep(POLL_S)
+            await self._clock.sleep(POLL_S)
         return True
 
     async def __aenter__(self) -> Self:

@@ -120,7 +120,7 @@ class InTheAir:
             why = ending(standing, self._settings.mission)
             if why is not None:
                 return why
-            await asyncio.sleep(LOOK_PERIOD_S)
+            await session.clock.sleep(LOOK_PERIOD_S)
 
     async def _while_it_can(self, manoeuvre: Coroutine[Any, Any, object], *stops: asyncio.Event) -> None:
         """Run a manoeuvre. The loss of the gate breaks it off, and so does what else is handed in."""

@@ -128,7 +128,7 @@ class GateTalk:
                 raise GateLostError("the safety gate is gone: without it nothing flies; nothing was armed")
             if self.phase is Phase.ENDED:
                 self.ended()
-            await asyncio.sleep(LOOK_S)
+            await self._clock.sleep(LOOK_S)
 
     def look(self) -> None:
         """Show, record and count what the gate has said; notice when it is gone."""

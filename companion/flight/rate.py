@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncIterator
 
 from companion.clock import Clock
@@ -34,4 +33,4 @@ class Pace:
                 next_s += missed * self._period_s
             yield now_s
             next_s += self._period_s
-            await asyncio.sleep(max(0.0, next_s - self._clock.now_s()))
+            await self._clock.sleep(max(0.0, next_s - self._clock.now_s()))

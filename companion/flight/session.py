@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -57,11 +56,11 @@ async def open_session(
         telemetry = Telemetry(link, clock, autopilot.attitude_hz, autopilot.position_hz)
         sink = SensorSink(clock)
         drivers = load_drivers(settings, DriverContext(clock, link))
-        async with background(telemetry.run(), *(_keep_running(driver, sink) for driver in drivers)):
+        async with background(telemetry.run(), *(_keep_running(driver, sink, clock) for driver in drivers)):
             yield Session(settings, clock, link, telemetry, sink, Inputs(sink, telemetry.poses), gate, flight)
 
 
-async def _keep_running(driver: SensorDriver, sink: SensorSink) -> None:
+async def _keep_running(driver: SensorDriver, sink: SensorSink, clock: Clock) -> None:
     """A driver that fails takes its readings away and nothing else: the vehicle stops until they are back."""
     while True:
         try:
@@ -70,4 +69,4 @@ async def _keep_running(driver: SensorDriver, sink: SensorSink) -> None:
             raise
         except Exception:  # noqa: BLE001 - a driver may be anybody's, and may fail in any way
             _log.exception("sensor driver %s failed; it is started again in %g s", driver.name, DRIVER_REST_S)
-        await asyncio.sleep(DRIVER_REST_S)
+        await clock.sleep(DRIVER_REST_S)

@@ -28,7 +28,7 @@ from tests.flight.test_termination import standing
 class Vehicle:
     """Does what it is told, and notes it; hangs in the manoeuvre that the test names."""
 
-    def __init__(self, gate: GateTalk) -> None:
+    def __init__(self, gate: GateTalk, clock: HandClock) -> None:
         self.told: list[tuple[str, Phase]] = []
         self.hangs = ""
         self.patience_s = 60.0
@@ -36,6 +36,7 @@ class Vehicle:
         self.mode, self.armed = "hold", True
         self.leaves_in = "land"
         self._gate = gate
+        self._clock = clock
 
     @property
     def pilot_took_over(self) -> bool:
@@ -44,7 +45,7 @@ class Vehicle:
     async def _do(self, what: str) -> None:
         self.told.append((what, self._gate.phase))
         if self.hangs == what:
-            await asyncio.sleep(self.patience_s)
+            await self._clock.sleep(self.patience_s)
 
     async def take_off(self, *_: object) -> None:
         await self._do("take off")
@@ -70,11 +71,12 @@ class Vehicle:
 class Pilot:
     """Ticks, until the test has it fail."""
 
-    def __init__(self, gate: GateTalk, flight: PhaseMachine) -> None:
+    def __init__(self, gate: GateTalk, flight: PhaseMachine, clock: HandClock) -> None:
         self.fresh_s = 0.0
         self.fails = False
         self._gate = gate
         self._flight = flight
+        self._clock = clock
 
     def measured_height_m(self) -> float:
         return 1.5
@@ -85,7 +87,7 @@ class Pilot:
             if self.fails and self._flight.phase is FlightPhase.EXPLORING:
                 raise ZeroDivisionError
             self._gate.ticked(1.0, None, None)
-            await asyncio.sleep(0.01)
+            await self._clock.sleep(0.05)
 
 
 class Stand:
@@ -94,16 +96,17 @@ class Stand:
     def __init__(self, gate: FakeGate) -> None:
         self.gate = gate
         self.phases = PhaseMachine()
-        self.talk = GateTalk(gate.link, HandClock(), EventEmitter(), self.phases)
-        self.vehicle = Vehicle(self.talk)
-        self.pilot = Pilot(self.talk, self.phases)
+        self.clock = HandClock()
+        self.talk = GateTalk(gate.link, self.clock, EventEmitter(), self.phases)
+        self.vehicle = Vehicle(self.talk, self.clock)
+        self.pilot = Pilot(self.talk, self.phases, self.clock)
         self.orders = Orders(by_command=False, flight=self.phases)
         self.status = STATUS
         self.events: list[tuple[Event, dict[str, object]]] = []
         emitter = EventEmitter(lambda event, details: self.events.append((event, dict(details))))
         session = SimpleNamespace(
             settings=load_settings(),
-            clock=SimpleNamespace(now_s=lambda: 0.0),
+            clock=self.clock,
             link=SimpleNamespace(kind=AutopilotKind.PX4),
             telemetry=SimpleNamespace(state=self._state),
             gate=self.talk,
@@ -116,7 +119,7 @@ class Stand:
         return replace(standing().vehicle, armed=self.vehicle.armed, mode=self.vehicle.mode)
 
     async def _meanwhile(self, what: str) -> None:
-        await asyncio.sleep(0.3)
+        await self.clock.sleep(0.3)
         if what == "complete":
             self.status = replace(STATUS, complete=True)
         elif what == "stop":
@@ -125,22 +128,18 @@ class Stand:
             self.gate.die()
         elif what == "gate holds":
             self.gate.say("hold: depth_stale")
-            await asyncio.sleep(0.1)
+            await self.clock.sleep(0.1)
             self.vehicle.foreign_mode = "hold"
         elif what == "tick fails":
             self.pilot.fails = True
 
-    def fly(self, what: str) -> Ending:
+    async def fly(self, what: str) -> Ending:
         """One flight in which this happens soon after the take-off."""
-
-        async def flight() -> Ending:
-            happening = asyncio.create_task(self._meanwhile(what))
-            try:
-                return await asyncio.wait_for(self.flight.run(), 10.0)
-            finally:
-                happening.cancel()
-
-        return asyncio.run(flight())
+        happening = asyncio.create_task(self._meanwhile(what))
+        try:
+            return await self.flight.run()
+        finally:
+            happening.cancel()
 
     @property
     def told(self) -> list[str]:
@@ -153,8 +152,8 @@ def stand() -> Iterator[Stand]:
         yield Stand(gate)
 
 
-def test_the_gate_knows_what_is_to_be_expected_at_every_time(stand: Stand) -> None:
-    assert stand.fly("complete") is Ending.COMPLETE
+async def test_the_gate_knows_what_is_to_be_expected_at_every_time(stand: Stand) -> None:
+    assert await stand.fly("complete") is Ending.COMPLETE
     assert stand.vehicle.told == [
         ("take off", Phase.CLIMBING),
         ("engage", Phase.CLIMBING),
@@ -166,63 +165,63 @@ def test_the_gate_knows_what_is_to_be_expected_at_every_time(stand: Stand) -> No
     assert [phase for phase in phases if phase is not Phase.ENDING] == [Phase.CLIMBING, Phase.EXPLORING, Phase.ENDED]
 
 
-def test_when_the_gate_dies_nothing_more_is_tried(stand: Stand) -> None:
-    assert stand.fly("gate dies") is Ending.GATE_LOST
+async def test_when_the_gate_dies_nothing_more_is_tried(stand: Stand) -> None:
+    assert await stand.fly("gate dies") is Ending.GATE_LOST
     assert "land" not in stand.told
     assert stand.phases.phase is FlightPhase.ENDED
 
 
 @pytest.mark.parametrize("hangs", ["take off", "engage"])
-def test_when_the_gate_dies_during_the_take_off_it_is_over_at_once(hangs: str, stand: Stand) -> None:
+async def test_when_the_gate_dies_during_the_take_off_it_is_over_at_once(hangs: str, stand: Stand) -> None:
     stand.vehicle.hangs = hangs
     with pytest.raises(GateLostError, match="gate lost"):
-        stand.fly("gate dies")
+        await stand.fly("gate dies")
     assert stand.told[-1] == "leave"
 
 
-def test_when_the_gate_holds_hands_are_off_and_it_is_named(stand: Stand) -> None:
-    assert stand.fly("gate holds") is Ending.GATE
+async def test_when_the_gate_holds_hands_are_off_and_it_is_named(stand: Stand) -> None:
+    assert await stand.fly("gate holds") is Ending.GATE
     why, end = "gate took over hold: depth_stale", "gate took over"
     assert stand.events[-1] == (Event.ENDED_EARLY, {"why": why, "end": end, "then": "hands off"})
     assert "land" not in stand.told
     assert stand.talk.phase is Phase.ENDED
 
 
-def test_a_take_off_that_the_gate_ends_is_named_as_that(stand: Stand) -> None:
+async def test_a_take_off_that_the_gate_ends_is_named_as_that(stand: Stand) -> None:
     """On PX4 hold is a mode of the take-off too: without its word the climb would be waited for."""
     stand.vehicle.hangs = "take off"
     with pytest.raises(GateTookOverError, match="during the take-off: hold: depth_stale"):
-        stand.fly("gate holds")
+        await stand.fly("gate holds")
     assert stand.told == ["take off", "leave"]
 
 
-def test_a_landing_is_not_broken_off_by_the_gate(stand: Stand) -> None:
+async def test_a_landing_is_not_broken_off_by_the_gate(stand: Stand) -> None:
     """It would be told to land once more, by whoever has just stopped waiting for it."""
     stand.vehicle.hangs, stand.vehicle.patience_s = "land", 0.5
     stand.status = replace(STATUS, complete=True)
-    assert stand.fly("gate holds") is Ending.COMPLETE
+    assert await stand.fly("gate holds") is Ending.COMPLETE
     assert stand.told == ["take off", "engage", "land", "leave"]
 
 
-def test_a_stop_in_the_take_off_breaks_it_off(stand: Stand) -> None:
+async def test_a_stop_in_the_take_off_breaks_it_off(stand: Stand) -> None:
     stand.vehicle.hangs = "take off"
     with pytest.raises(InterruptedFlightError):
-        stand.fly("stop")
+        await stand.fly("stop")
     assert stand.told == ["take off", "leave"]
     assert dict(stand.vehicle.told)["leave"] is Phase.ENDING
 
 
-def test_an_exception_in_a_tick_leaves_the_vehicle_landing_and_is_seen(stand: Stand) -> None:
+async def test_an_exception_in_a_tick_leaves_the_vehicle_landing_and_is_seen(stand: Stand) -> None:
     with pytest.raises(ZeroDivisionError):
-        stand.fly("tick fails")
+        await stand.fly("tick fails")
     assert stand.told[-1] == "leave"
     assert stand.talk.phase is Phase.ENDED, "the map may be written in peace"
 
 
-def test_a_vehicle_that_could_not_be_left_in_order_stays_the_gates_business(stand: Stand) -> None:
+async def test_a_vehicle_that_could_not_be_left_in_order_stays_the_gates_business(stand: Stand) -> None:
     """Else nobody would stop a vehicle that flies on in offboard while the map is written."""
     stand.vehicle.leaves_in = "offboard"
     with pytest.raises(ZeroDivisionError):
-        stand.fly("tick fails")
+        await stand.fly("tick fails")
     assert stand.talk.phase is Phase.ENDING
     assert Phase.ENDED not in {beat.phase for beat in stand.gate.beats()}

@@ -118,51 +118,39 @@ def test_the_loss_of_the_gate_is_told_once(stand: Stand) -> None:
     assert "failsafe" in stand.said[0]
 
 
-def test_on_the_ground_the_loss_of_the_gate_is_the_end(stand: Stand) -> None:
+async def test_on_the_ground_the_loss_of_the_gate_is_the_end(stand: Stand) -> None:
     stand.gate.die()
     with pytest.raises(GateLostError, match="nothing was armed"):
-        asyncio.run(asyncio.wait_for(stand.talk.run(), 5.0))
+        await stand.talk.run()
 
 
 @pytest.mark.parametrize("phase", [FlightPhase.TAKING_OFF, FlightPhase.EXPLORING, FlightPhase.LEAVING])
-def test_in_the_air_the_loss_is_for_the_flight_to_deal_with(stand: Stand, phase: FlightPhase) -> None:
+async def test_in_the_air_the_loss_is_for_the_flight_to_deal_with(stand: Stand, phase: FlightPhase) -> None:
     """What was flown for is to be saved; an error from here would take the map away."""
     stand.flight.phase = phase
     stand.gate.die()
-
-    async def fly() -> None:
-        listening = asyncio.create_task(stand.talk.run())
-        await asyncio.wait_for(stand.talk.lost.wait(), 5.0)
-        await asyncio.sleep(0)
-        assert not listening.done()
-        listening.cancel()
-
-    asyncio.run(fly())
+    listening = asyncio.create_task(stand.talk.run())
+    await stand.talk.lost.wait()
+    await asyncio.sleep(0)
+    assert not listening.done()
+    listening.cancel()
 
 
-def test_the_end_is_said_again_while_the_map_is_written(stand: Stand) -> None:
+async def test_the_end_is_said_again_while_the_map_is_written(stand: Stand) -> None:
     """An end that was missed would look like a hang, for which an application is killed."""
-
-    async def write() -> None:
-        stand.flight.phase = FlightPhase.ENDED
-        stand.talk.ended()
-        listening = asyncio.create_task(stand.talk.run())
-        await asyncio.sleep(0.25)
-        listening.cancel()
-
-    asyncio.run(write())
+    stand.flight.phase = FlightPhase.ENDED
+    stand.talk.ended()
+    listening = asyncio.create_task(stand.talk.run())
+    await stand.clock.sleep(0.25)
+    listening.cancel()
     beats = stand.gate.beats()
     assert len(beats) >= 3
     assert {beat.phase for beat in beats} == {Phase.ENDED}
 
 
-def test_on_the_ground_only_ticks_are_told(stand: Stand) -> None:
+async def test_on_the_ground_only_ticks_are_told(stand: Stand) -> None:
     """A beat says that a tick was completed: nothing else may look like one."""
-
-    async def wait() -> None:
-        listening = asyncio.create_task(stand.talk.run())
-        await asyncio.sleep(0.25)
-        listening.cancel()
-
-    asyncio.run(wait())
+    listening = asyncio.create_task(stand.talk.run())
+    await stand.clock.sleep(0.25)
+    listening.cancel()
     assert stand.gate.beats() == []

@@ -93,79 +93,55 @@ def test_a_ground_station_that_is_gone_has_its_order_all_the_same() -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signals_ask_for_the_end_of_the_flight(number: signal.Signals) -> None:
+async def test_signals_ask_for_the_end_of_the_flight(number: signal.Signals) -> None:
     """Ctrl-C in flight must land the vehicle, not break off the program that flies it."""
-
-    async def main() -> Orders:
-        orders = Orders(by_command=False, flight=in_phase(FlightPhase.TAKING_OFF))
-        with orders.signals():
-            os.kill(os.getpid(), number)
-            await asyncio.wait_for(orders.stop.wait(), 5.0)
-        return orders
-
-    orders = asyncio.run(main())
+    orders = Orders(by_command=False, flight=in_phase(FlightPhase.TAKING_OFF))
+    with orders.signals():
+        os.kill(os.getpid(), number)
+        await asyncio.wait_for(orders.stop.wait(), 5.0)
     assert orders.interrupted
     assert not orders.start.is_set()
 
 
-def test_the_enter_key_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_the_enter_key_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     reading, writing = os.pipe()
-
-    async def main() -> bool:
-        orders = Orders(by_command=False, flight=PhaseMachine())
-        with os.fdopen(reading) as terminal:
-            monkeypatch.setattr("sys.stdin", terminal)
-            with orders.enter_key():
-                os.write(writing, b"\n")
-                await asyncio.wait_for(orders.start.wait(), 5.0)
-        return orders.start.is_set()
-
-    assert asyncio.run(main())
-    os.close(writing)
+    orders = Orders(by_command=False, flight=PhaseMachine())
+    with os.fdopen(reading) as terminal, os.fdopen(writing, "wb", buffering=0) as hand:
+        monkeypatch.setattr("sys.stdin", terminal)
+        with orders.enter_key():
+            hand.write(b"\n")
+            await asyncio.wait_for(orders.start.wait(), 5.0)
 
 
-def test_what_was_typed_before_starts_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_what_was_typed_before_starts_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """An Enter from the flight before must not let the application that was started again take off at once."""
     hand, terminal = os.openpty()
-
-    async def main() -> tuple[bool, bool]:
-        orders = Orders(by_command=False, flight=PhaseMachine())
-        with os.fdopen(terminal) as keyboard:
-            monkeypatch.setattr("sys.stdin", keyboard)
-            os.write(hand, b"\n\n")
-            with orders.enter_key():
-                await asyncio.sleep(0.1)
-                before = orders.start.is_set()
-                os.write(hand, b"\n")
-                await asyncio.wait_for(orders.start.wait(), 5.0)
-        return before, orders.start.is_set()
-
-    assert asyncio.run(main()) == (False, True)
+    orders = Orders(by_command=False, flight=PhaseMachine())
+    with os.fdopen(terminal) as keyboard:
+        monkeypatch.setattr("sys.stdin", keyboard)
+        os.write(hand, b"\n\n")
+        with orders.enter_key():
+            await asyncio.sleep(0.1)
+            assert not orders.start.is_set()
+            os.write(hand, b"\n")
+            await asyncio.wait_for(orders.start.wait(), 5.0)
     os.close(hand)
 
 
-def test_without_a_terminal_the_key_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_without_a_terminal_the_key_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Under a service manager nobody can press it: waiting for ever would look like a hang."""
-
-    async def main() -> None:
-        with Path(os.devnull).open() as nothing:  # noqa: ASYNC230 - nothing is read from it
-            monkeypatch.setattr("sys.stdin", nothing)
-            with Orders(by_command=False, flight=PhaseMachine()).enter_key():
-                pass
-
-    with pytest.raises(InputError, match="--start command"):
-        asyncio.run(main())
+    orders = Orders(by_command=False, flight=PhaseMachine())
+    with Path(os.devnull).open() as nothing:  # noqa: ASYNC230 - nothing is read from it
+        monkeypatch.setattr("sys.stdin", nothing)
+        with pytest.raises(InputError, match="--start command"), orders.enter_key():
+            pass
 
 
-def test_where_nothing_flies_a_signal_ends_the_program() -> None:
+async def test_where_nothing_flies_a_signal_ends_the_program() -> None:
     """Connecting and loading take up to minutes: Ctrl-C must not seem to be ignored."""
-
-    async def main() -> Orders:
-        orders = Orders(by_command=False, flight=PhaseMachine())
-        with orders.signals():
-            os.kill(os.getpid(), signal.SIGINT)
-            with pytest.raises(asyncio.CancelledError):
-                await asyncio.sleep(5.0)
-        return orders
-
-    assert asyncio.run(main()).interrupted
+    orders = Orders(by_command=False, flight=PhaseMachine())
+    with orders.signals():
+        os.kill(os.getpid(), signal.SIGINT)
+        with pytest.raises(asyncio.CancelledError):
+            await asyncio.sleep(5.0)
+    assert orders.interrupted

@@ -22,23 +22,19 @@ async def failing() -> None:
     raise InputError("no such camera")
 
 
-def test_the_end_of_the_block_ends_what_runs_beside_it() -> None:
+async def test_the_end_of_the_block_ends_what_runs_beside_it() -> None:
     log: list[str] = []
-
-    async def main() -> None:
-        async with background(forever(log), forever(log)):
-            await asyncio.sleep(0)
-            assert log == []
-
-    asyncio.run(main())
+    async with background(forever(log), forever(log)):
+        await asyncio.sleep(0)
+        assert log == []
     assert log == ["ended", "ended"]
 
 
-def test_a_failure_beside_it_ends_the_block_with_that_failure() -> None:
+async def test_a_failure_beside_it_ends_the_block_with_that_failure() -> None:
     """As itself, not as a group: its message is for a person."""
     log: list[str] = []
 
-    async def main() -> None:
+    async def block() -> None:
         async with background(failing(), forever(log)):
             try:
                 await asyncio.Event().wait()
@@ -46,18 +42,18 @@ def test_a_failure_beside_it_ends_the_block_with_that_failure() -> None:
                 log.append("block left")
 
     with pytest.raises(InputError, match="no such camera"):
-        asyncio.run(main())
+        await block()
     assert sorted(log) == ["block left", "ended"]
 
 
-def test_a_failure_of_the_block_comes_out_as_it_is() -> None:
+async def test_a_failure_of_the_block_comes_out_as_it_is() -> None:
     log: list[str] = []
 
-    async def main() -> None:
+    async def block() -> None:
         async with background(forever(log)):
             await asyncio.sleep(0)
             raise ValueError("mine")
 
     with pytest.raises(ValueError, match="mine"):
-        asyncio.run(main())
+        await block()
     assert log == ["ended"]

@@ -50,6 +50,9 @@ class HandClock:
     def now_s(self) -> float:
         return self.t_s
 
+    async def sleep(self, time_s: float) -> None:
+        self.t_s += time_s
+
 
 def make_info(settings: Settings = SETTINGS, seed: int = 1) -> FlightInfo:
     return FlightInfo.of(settings, np.random.default_rng(seed))

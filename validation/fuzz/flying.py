@@ -85,7 +85,7 @@ class Flying:
         self.good = {"pose", "depth", "down", "heartbeat"}
         self.sink = SensorSink(self.clock)
         self.telemetry = Telemetry(self.link, self.clock)
-        self.vehicle = Vehicle(self.link, self.telemetry, SETTINGS, self.clock, self._sleep)
+        self.vehicle = Vehicle(self.link, self.telemetry, SETTINGS, self.clock)
         self.flight = PhaseMachine()
         self.orders = Orders(by_command=True, flight=self.flight)
         self.orders.listen(self.link)
@@ -196,10 +196,6 @@ class Flying:
     def moves(self, setpoint: Setpoint | None) -> bool:
         """Whether a setpoint asks for any motion."""
         return setpoint is not None and any((setpoint.speed_mps, setpoint.climb_mps, setpoint.yaw_rate_radps))
-
-    async def _sleep(self, time_s: float) -> None:
-        self.clock.advance(time_s)
-        await asyncio.sleep(0)
 
     def _say(self, line: str) -> None:
         """Prints as a terminal in UTF-8 would."""

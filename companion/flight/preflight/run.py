@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-
 import numpy as np
 
 from companion.errors import CompanionError
@@ -51,7 +49,7 @@ async def checked(session: Session, request: FlightRequest, events: EventEmitter
     )
     async with background(pilot.run()):
         await _until_position(session, events)
-        await asyncio.sleep(SETTLE_S)
+        await clock.sleep(SETTLE_S)
         return await run_checks(
             session.link,
             session.telemetry,
@@ -74,4 +72,4 @@ async def _until_position(session: Session, events: EventEmitter) -> None:
         if not told and clock.now_s() > began_s + SETTLE_S:
             told = True
             events.emit(Event.NO_POSITION_YET, timeout_s=timeout_s)
-        await asyncio.sleep(LOOK_PERIOD_S)
+        await clock.sleep(LOOK_PERIOD_S)
