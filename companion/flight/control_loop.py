@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Protocol
 
 from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.flight.rate import Pace
-from companion.model import Measurement, Mode, Observation, Pose, Setpoint
-from companion.pipeline import Explorer
+from companion.model import Measurement, Mode, Pose, Setpoint
+from companion.pipeline import Explorer, Tick
 from companion.sensors.synchronizer import Inputs
 
 
@@ -31,34 +30,7 @@ class Gate(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class TickRecord:
-    """Everything about one tick, for the recording and for who watches.
-
-    Attributes:
-        t_s: the time of the tick.
-        observation: what the tick saw; None while no pose is known.
-        measurement: what it made of that.
-        mode: the navigator's mode; hold while it does not steer.
-        setpoint: what it asked for; None: nothing, which is silence on the wire.
-        stepped: whether the navigator was asked, which changes what it remembers.
-        sent: whether the setpoint went out.
-        missing: the inputs that were absent or stale.
-        duration_s: how long the tick took.
-    """
-
-    t_s: float
-    observation: Observation | None
-    measurement: Measurement | None
-    mode: Mode
-    setpoint: Setpoint | None
-    stepped: bool
-    sent: bool
-    missing: tuple[str, ...]
-    duration_s: float
-
-
-Watcher = Callable[[TickRecord], None]
+Watcher = Callable[[Tick], None]
 """Whoever wants to know of each tick: recording, announcements, the map. Takes no longer than a millisecond or two."""
 
 
@@ -110,22 +82,19 @@ class Pilot:
         async for now_s in self._pace.ticks():
             self.tick(now_s)
 
-    def tick(self, now_s: float) -> TickRecord:
+    def tick(self, now_s: float) -> Tick:
         """One sampling period."""
         began = time.perf_counter()
         exploring = self._flight.phase is FlightPhase.EXPLORING
         observation = self._inputs.observe(now_s)
         measurement: Measurement | None = None
         setpoint: Setpoint | None = None
-        if observation is None:
-            missing: tuple[str, ...] = ("pose",)
-        elif exploring:
+        if observation is not None and exploring:
             steering = self._explorer.step(observation)
             measurement, setpoint = steering.measurement, steering.setpoint
-            missing = measurement.missing
-        else:
+        elif observation is not None:
             measurement = self._explorer.look(observation)
-            missing = measurement.missing
+        missing = ("pose",) if measurement is None else measurement.missing
         if "pose" in missing:
             setpoint = None
         self.measurement = measurement
@@ -136,10 +105,18 @@ class Pilot:
         if self._gate is not None:
             self._gate.ticked(now_s, self.pose, measurement)
         sent = setpoint is not None and self._helm is not None and self._helm.send(setpoint)
-        mode = self._explorer.navigator.status.mode if exploring and not missing else Mode.HOLD
-        duration_s = time.perf_counter() - began
-        stepped = exploring and observation is not None
-        record = TickRecord(now_s, observation, measurement, mode, setpoint, stepped, sent, missing, duration_s)
+        navigator = self._explorer.navigator
+        tick = Tick(
+            t_s=now_s,
+            observation=observation,
+            measurement=measurement,
+            setpoint=setpoint,
+            mode=navigator.status.mode if exploring and not missing else Mode.HOLD,
+            sent=sent,
+            height_m=navigator.height_m,
+            duration_s=time.perf_counter() - began,
+            stepped=exploring and observation is not None,
+        )
         for watch in self._watchers:
-            watch(record)
-        return record
+            watch(tick)
+        return tick

@@ -29,7 +29,7 @@ from companion.flight.phase import PhaseEvent, PhaseMachine
 from companion.flight.preflight import CheckResult
 from companion.flight.preflight.run import checked, passed
 from companion.flight.rate import Pace
-from companion.flight.reporting import MapFeed, Recording, TickReporter
+from companion.flight.reporting import MapFeed, TickReporter
 from companion.flight.request import FlightRequest
 from companion.flight.session import Session, open_session
 from companion.flight.sinks import console, recording, status_text
@@ -152,7 +152,7 @@ class _Flight:
                 session.flight,
                 vehicle,
                 (
-                    Recording(recorder, explorer.navigator),
+                    recorder.tick,
                     MapFeed(mapper),
                     TickReporter(events, self._announcer, session.telemetry, mapper, session.flight),
                 ),

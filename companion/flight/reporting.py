@@ -1,16 +1,14 @@
-"""What follows from a tick: for the map, for the recording, and for pilot and operator."""
+"""What follows from a tick: for the map, and for pilot and operator."""
 
 from __future__ import annotations
 
 from companion.autopilot.status_reporter import Announcer
 from companion.autopilot.telemetry import Telemetry
-from companion.control import Navigator
-from companion.flight.control_loop import TickRecord
 from companion.flight.events import Event, EventEmitter
 from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.mapping.process.client import MapWorker
 from companion.model import Mode
-from companion.recording import Recorder, Tick
+from companion.pipeline import Tick
 
 LINE_PERIOD_S = 5.0
 """The operator gets a line this often while exploring."""
@@ -32,7 +30,7 @@ class MapFeed:
     def __init__(self, mapper: MapWorker) -> None:
         self._mapper = mapper
 
-    def __call__(self, tick: TickRecord) -> None:
+    def __call__(self, tick: Tick) -> None:
         """Offer what the tick saw; when the map is slow it is dropped and counted there."""
         if tick.observation is None:
             return
@@ -40,31 +38,6 @@ class MapFeed:
             self._mapper.offer(tick.observation.frame)
         if tick.observation.planar is not None:
             self._mapper.offer_scan(tick.observation.planar)
-
-
-class Recording:
-    """Gives every tick to the recorder."""
-
-    def __init__(self, recorder: Recorder, navigator: Navigator) -> None:
-        self._recorder = recorder
-        self._navigator = navigator
-
-    def __call__(self, tick: TickRecord) -> None:
-        """Record it. A tick without a pose has nothing that could be flown again; the gap shows in the times."""
-        if tick.observation is None or tick.measurement is None:
-            return
-        self._recorder.tick(
-            Tick(
-                observation=tick.observation,
-                measurement=tick.measurement,
-                setpoint=tick.setpoint,
-                mode=tick.mode,
-                sent=tick.sent,
-                height_m=self._navigator.height_m,
-                duration_s=tick.duration_s,
-                stepped=tick.stepped,
-            )
-        )
 
 
 class TickReporter:
@@ -100,7 +73,7 @@ class TickReporter:
         self._texts_until_s = 0.0
         self._map_problem = ""
 
-    def __call__(self, tick: TickRecord) -> None:
+    def __call__(self, tick: Tick) -> None:
         """Note what somebody must know of this tick."""
         self._relay_texts()
         self._watch_map()
@@ -140,7 +113,7 @@ class TickReporter:
         else:
             self._emit(Event.MAP_WELL)
 
-    def _watch_inputs(self, tick: TickRecord) -> None:
+    def _watch_inputs(self, tick: Tick) -> None:
         if not tick.missing:
             if self._lost:
                 self._emit(Event.INPUTS_BACK)
@@ -154,7 +127,7 @@ class TickReporter:
             self._mode = Mode.HOLD
             self._emit(Event.INPUTS_LOST, missing=", ".join(tick.missing))
 
-    def _line(self, tick: TickRecord, flown_s: float) -> str:
+    def _line(self, tick: Tick, flown_s: float) -> str:
         measurement, status = tick.measurement, self._mapper.status
         d_m = None if measurement is None else measurement.d_m
         h_m = None if measurement is None else measurement.h_m

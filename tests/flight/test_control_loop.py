@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from companion.config.load import load_settings
-from companion.flight.control_loop import Pilot, TickRecord
+from companion.flight.control_loop import Pilot
 from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.flight.rate import Pace
 from companion.model import Beam, Measurement, Mode, Pose, RangeReading, Setpoint
-from companion.pipeline import Explorer
+from companion.pipeline import Explorer, Tick
 from companion.pose_buffer import PoseBuffer
 from companion.sensors.sink import RawDepth, SensorSink
 from companion.sensors.synchronizer import Inputs
@@ -54,7 +54,7 @@ class Bench:
         self.poses = PoseBuffer()
         self.helm = Helm()
         self.gate = Gate(self.helm)
-        self.seen: list[TickRecord] = []
+        self.seen: list[Tick] = []
         self.flight = PhaseMachine()
         self.pilot = Pilot(
             Inputs(self.sink, self.poses),
@@ -66,7 +66,7 @@ class Bench:
             self.gate,
         )
 
-    def tick(self, *, pose: bool = True, depth: bool = True, down: bool = True, h_m: float = 1.5) -> TickRecord:
+    def tick(self, *, pose: bool = True, depth: bool = True, down: bool = True, h_m: float = 1.5) -> Tick:
         """Let 50 ms pass in which these arrive, and tick."""
         for _ in range(2):
             self.clock.advance(0.025)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, field, replace
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import pytest
 
 from companion.autopilot.status_reporter import Announcer
 from companion.autopilot.telemetry import Telemetry
-from companion.flight.control_loop import TickRecord
 from companion.flight.events import EventEmitter
 from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.flight.reporting import MapFeed, TickReporter
@@ -19,6 +18,7 @@ from companion.flight.sinks import console, recording, status_text
 from companion.mapping.process.client import MapWorker
 from companion.mapping.process.status import MapStatus
 from companion.model import DepthFrame, Mode, Observation, PlanarScan, Pose, Setpoint
+from companion.pipeline import Tick
 from companion.recording import Recorder
 from tests.autopilot.fake_link import FakeLink, HandClock
 from tests.control.stages import beside
@@ -86,15 +86,13 @@ class Stand:
             self.events, self.announcer, self.telemetry, cast("MapWorker", self.mapper), self.flight
         )
 
-    def tick(self, **changes: Any) -> None:
+    def tick(self, *, missing: tuple[str, ...] = (), mode: Mode = Mode.BOUNDARY) -> None:
         """50 ms later, a tick along a wall unless told otherwise."""
         self.clock.advance(0.05)
         now_s = self.clock.time_s
-        told = replace(beside(1), t_s=now_s, missing=changes.get("missing", ()))
-        well = TickRecord(
-            now_s, Observation(now_s, POSE), told, Mode.BOUNDARY, Setpoint(now_s, 0.5, 0.0, 0.1), True, True, (), 0.001
-        )
-        self.reporter(replace(well, **changes))
+        told = replace(beside(1), t_s=now_s, missing=missing)
+        setpoint = Setpoint(now_s, 0.5, 0.0, 0.1)
+        self.reporter(Tick(now_s, Observation(now_s, POSE), told, setpoint, mode, True, 1.5, 0.001, stepped=True))
         self.announcer.tick()
 
     def texts(self) -> list[str]:
@@ -178,7 +176,7 @@ def test_the_map_gets_every_image_and_every_scan(with_frame: bool, with_scan: bo
     scan = PlanarScan(1.0, np.array([0.0, 0.1]), np.array([2.0, 2.0]), 10.0, POSE)
     seen = Observation(1.0, POSE, frame if with_frame else None, planar=scan if with_scan else None)
     feed = MapFeed(cast("MapWorker", mapper))
-    feed(TickRecord(1.0, seen, None, Mode.HOLD, None, False, False, (), 0.0))
-    feed(TickRecord(1.0, None, None, Mode.HOLD, None, False, False, ("pose",), 0.0))
+    feed(Tick(1.0, seen, None, None, Mode.HOLD, False, 1.5, 0.0, stepped=False))
+    feed(Tick(1.0, None, None, None, Mode.HOLD, False, 1.5, 0.0, stepped=False))
     assert mapper.offered == ([frame] if with_frame else [])
     assert mapper.scans == ([scan] if with_scan else [])

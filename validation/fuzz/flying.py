@@ -21,7 +21,7 @@ from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle import Vehicle
 from companion.config.sensors import CameraSettings, PlanarSettings, SensorSettings
 from companion.config.settings import Settings
-from companion.flight.control_loop import Pilot, TickRecord
+from companion.flight.control_loop import Pilot
 from companion.flight.events import EventEmitter
 from companion.flight.operator_commands import Orders
 from companion.flight.phase import FlightPhase, PhaseMachine
@@ -33,7 +33,7 @@ from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavCmd
 from companion.mavlink.modes import personality, px4_mode
 from companion.model import Setpoint
-from companion.pipeline import Explorer
+from companion.pipeline import Explorer, Tick
 from companion.pose_buffer import LARGEST
 from companion.recording import Recorder
 from companion.sensors.drivers.mavlink import MavlinkDriver
@@ -165,7 +165,7 @@ class Flying:
             depth_m = np.full((CAMERA.height_px, CAMERA.width_px), WALL_M + 0.001 * (self.count % 50), np.float32)
             self.sink.depth(RawDepth(self.clock.now_s() - 0.03, depth_m, CAMERA))
 
-    def tick(self) -> TickRecord:
+    def tick(self) -> Tick:
         """One tick of the application, and whether it still makes sense."""
         before = len(self.link.sent)
         if self.count % 4 == 0:
