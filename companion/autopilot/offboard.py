@@ -16,8 +16,6 @@ from companion.model import Setpoint
 
 FAILSAFE_SHOWS_S = 0.3
 """A failsafe acts up to 0.12 s after its time limit; only a heartbeat from after that can tell."""
-HEARTBEAT_LOST_S = 3.0
-"""Three heartbeats of the autopilot missed: it no longer hears us either, as far as we know."""
 STREAM_BEFORE_S = 0.6
 """PX4 takes the mode only when setpoints have been coming for a while."""
 
@@ -31,13 +29,15 @@ class Helm:
     Args:
         commander: knows whose the vehicle is.
         silence_s: the autopilot reacts when setpoints stop for this long.
+        heartbeat_s: an autopilot that has not been heard for this long no longer hears us either, as far as we know.
     """
 
-    def __init__(self, commander: Commander, silence_s: float) -> None:
+    def __init__(self, commander: Commander, silence_s: float, heartbeat_s: float) -> None:
         self.silent_because: str | None = "not engaged"
         """Why nothing was sent when that was last asked for; None when it was."""
         self._commander = commander
         self._silence_s = silence_s
+        self._heartbeat_limit_s = heartbeat_s
         self._engaged = False
         self._last_sent_s = -math.inf
 
@@ -105,8 +105,8 @@ class Helm:
         if not all(map(math.isfinite, (setpoint.t_s, setpoint.speed_mps, setpoint.climb_mps, setpoint.yaw_rate_radps))):
             return "the setpoint is not finite"
         now_s, heartbeat_s = commander.clock.now_s(), commander.watch.heartbeat_s
-        if now_s - heartbeat_s > HEARTBEAT_LOST_S:
-            return f"no heartbeat of the autopilot for {HEARTBEAT_LOST_S:g} s"
+        if now_s - heartbeat_s > self._heartbeat_limit_s:
+            return f"no heartbeat of the autopilot for {self._heartbeat_limit_s:g} s"
         failsafe_s = self._last_sent_s + self._silence_s
         # PX4 returns to offboard on the first setpoint: after a silence that may have let its failsafe act, nothing is
         # sent before a heartbeat has told whether it did.

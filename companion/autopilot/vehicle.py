@@ -48,7 +48,7 @@ class Vehicle:
         self._settings = settings
         self._clock = clock
         self._commander = Commander(link, telemetry, clock, settings.autopilot.command_timeout_s)
-        self._helm = Helm(self._commander, settings.autopilot.silence_s)
+        self._helm = Helm(self._commander, settings.autopilot.silence_s, settings.safety.stale.heartbeat_s)
         self._start_z_m: float | None = None
 
     @property
@@ -117,8 +117,8 @@ class Vehicle:
         """Send one setpoint to the autopilot, now and once.
 
         Nothing is sent when the vehicle is not engaged, when somebody else has it, when the setpoint is not finite,
-        when the autopilot has not been heard for 3 s, and when setpoints had stopped for longer than
-        ``autopilot.silence_s`` and no heartbeat has told yet what the autopilot made of it.
+        when the autopilot has not been heard for ``safety.stale.heartbeat_s``, and when setpoints had stopped for
+        longer than ``autopilot.silence_s`` and no heartbeat has told yet what the autopilot made of it.
 
         Returns:
             Whether it went out; `silent_because` says why it did not.

@@ -14,7 +14,7 @@ from companion.flight.operator_commands import InterruptedFlightError, Orders
 from companion.flight.phase import PhaseEvent
 from companion.flight.preflight.run import LOOK_PERIOD_S
 from companion.flight.session import Session
-from companion.flight.tasks import background
+from companion.flight.tasks import background, first_of
 from companion.flight.termination import Ending, Standing, ending
 from companion.mapping.process.client import MapWorker
 from companion.mavlink.modes import mode_name, personality
@@ -117,7 +117,7 @@ class InTheAir:
                 map_silent_s=self._mapper.status.age_s,
                 battery_silent_s=0.0 if battery_s is None else now_s - battery_s,
             )
-            why = ending(standing, self._settings.mission)
+            why = ending(standing, self._settings)
             if why is not None:
                 return why
             await session.clock.sleep(LOOK_PERIOD_S)
@@ -125,19 +125,15 @@ class InTheAir:
     async def _while_it_can(self, manoeuvre: Coroutine[Any, Any, object], *stops: asyncio.Event) -> None:
         """Run a manoeuvre. The loss of the gate breaks it off, and so does what else is handed in."""
         task = asyncio.ensure_future(manoeuvre)
-        ends = [asyncio.ensure_future(event.wait()) for event in (self._gate.lost, *stops)]
-        try:
-            await asyncio.wait((task, *ends), return_when=asyncio.FIRST_COMPLETED)
-            if self._gate.lost.is_set():
-                raise GateLostError(f"{Ending.GATE_LOST.value}: the autopilot's own failsafe has to end this flight")
-            if not task.done() and self._gate.taken.is_set():
-                raise GateTookOverError(f"{Ending.GATE.value} during the take-off: {self._gate.took_over or 'briefly'}")
-            if not task.done():
-                raise InterruptedFlightError("stopped during the take-off; the vehicle holds or lands")
+        done = await first_of(task, *(event.wait() for event in (self._gate.lost, *stops)))
+        if self._gate.lost.is_set():
+            raise GateLostError(f"{Ending.GATE_LOST.value}: the autopilot's own failsafe has to end this flight")
+        if task in done:
             task.result()
-        finally:
-            for one in (task, *ends):
-                one.cancel()
+        elif self._gate.taken.is_set():
+            raise GateTookOverError(f"{Ending.GATE.value} during the take-off: {self._gate.took_over or 'briefly'}")
+        else:
+            raise InterruptedFlightError("stopped during the take-off; the vehicle holds or lands")
 
     def _is_left(self) -> bool:
         """Whether nothing more is to be expected of us: it is down, somebody else's, or flies by itself."""

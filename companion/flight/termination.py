@@ -5,9 +5,8 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from companion.autopilot.offboard import HEARTBEAT_LOST_S
 from companion.autopilot.vehicle_state import VehicleState
-from companion.config.mission import MissionSettings
+from companion.config.settings import Settings
 
 BATTERY_SILENT_S = 30.0
 """A battery that was known and has not been for this long may be empty."""
@@ -78,22 +77,22 @@ class Standing:
     map_silent_s: float
 
 
-def ending(now: Standing, settings: MissionSettings) -> Ending | None:
+def ending(now: Standing, settings: Settings) -> Ending | None:
     """The reason to end the exploring, the gravest first; None to go on."""
-    vehicle = now.vehicle
+    vehicle, mission = now.vehicle, settings.mission
     battery = vehicle.battery_percent
     reasons = (
         (Ending.GATE_LOST, now.gate_lost),
         (Ending.GATE, now.gate_took_over and now.pilot_took_over),
-        (Ending.LINK, vehicle.heartbeat_age_s > HEARTBEAT_LOST_S),
+        (Ending.LINK, vehicle.heartbeat_age_s > settings.safety.stale.heartbeat_s),
         (Ending.DISARMED, not vehicle.armed),
         (Ending.PILOT, now.pilot_took_over),
-        (Ending.BATTERY, battery is not None and battery < settings.battery_low_percent),
+        (Ending.BATTERY, battery is not None and battery < mission.battery_low_percent),
         (Ending.BATTERY, now.battery_silent_s > BATTERY_SILENT_S),
-        (Ending.INPUTS, now.blind_s > settings.input_timeout_s),
+        (Ending.INPUTS, now.blind_s > mission.input_timeout_s),
         (Ending.MAP, now.map_silent_s > MAP_SILENT_S),
         (Ending.STOPPED, now.stop_asked),
         (Ending.COMPLETE, now.complete),
-        (Ending.TIME, now.flown_s > settings.time_limit_s),
+        (Ending.TIME, now.flown_s > mission.time_limit_s),
     )
     return next((reason for reason, holds in reasons if holds), None)

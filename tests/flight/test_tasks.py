@@ -1,4 +1,4 @@
-"""Tasks beside a block: they end with it, and their failures end it."""
+"""Tasks that end together: beside a block, and the first of several."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from companion.errors import InputError
-from companion.flight.tasks import background
+from companion.flight.tasks import background, first_of
 
 
 async def forever(log: list[str]) -> None:
@@ -57,3 +57,29 @@ async def test_a_failure_of_the_block_comes_out_as_it_is() -> None:
     with pytest.raises(ValueError, match="mine"):
         await block()
     assert log == ["ended"]
+
+
+async def test_the_first_that_ends_ends_the_others_before_anything_goes_on() -> None:
+    """Else a manoeuvre that was broken off could still send a command into what follows it."""
+    log: list[str] = []
+    first = asyncio.ensure_future(asyncio.sleep(0.0))
+    assert await first_of(first, forever(log), forever(log)) == {first}
+    assert log == ["ended", "ended"]
+
+
+async def test_what_fails_first_gives_its_error_to_whoever_asks() -> None:
+    log: list[str] = []
+    (ended,) = await first_of(failing(), forever(log))
+    with pytest.raises(InputError, match="no such camera"):
+        ended.result()
+
+
+async def test_whoever_waits_for_the_first_takes_all_of_them_along() -> None:
+    log: list[str] = []
+    waiting = asyncio.create_task(first_of(forever(log), forever(log)))
+    await asyncio.sleep(0)
+    await asyncio.sleep(0)
+    waiting.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await waiting
+    assert log == ["ended", "ended"]

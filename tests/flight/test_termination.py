@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from companion.autopilot.vehicle_state import VehicleState
-from companion.config.mission import MissionSettings
+from companion.config.settings import Settings
 from companion.flight.termination import Ending, Standing, ending
 
-SETTINGS = MissionSettings()
+SETTINGS = Settings()
 
 
 def standing(vehicle: dict[str, Any] | None = None, **changes: Any) -> Standing:

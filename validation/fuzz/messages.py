@@ -34,7 +34,6 @@ NEEDED: dict[str, tuple[str, ...]] = {
 
 GIVEN_UP_S = 0.15
 """Two ticks and the delay of the last image, on top of each age at which an input counts as stale."""
-HEARTBEAT_LOST_S = 3.0
 
 
 def true_fields(bench: Flying, name: str) -> dict[str, Any]:
@@ -156,7 +155,7 @@ async def _nothing_changes(rng: random.Random) -> None:
             "pose": POSE_STALE_S,
             "depth": SETTINGS.sensors.scan.stale_after_s,
             "down": SETTINGS.sensors.beams.stale_after_s,
-            "heartbeat": HEARTBEAT_LOST_S + 1.0,
+            "heartbeat": SETTINGS.safety.stale.heartbeat_s + 1.0,
         }[lost]
         bench.good.discard(lost)
         lost_s = bench.clock.now_s()
