@@ -10,11 +10,13 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
+from typing import cast
 
 from companion.autopilot.interface import Link
 from companion.autopilot.mode_control import POLL_S, Commander, FlightError
 from companion.autopilot.offboard import Helm
 from companion.config.control import ControlSettings
+from companion.control import Parameters, laws
 from companion.control.ramp import Ramp
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavCmd, MavResult
@@ -68,7 +70,7 @@ class TakeOff:
     Args:
         commander: modes and commands.
         helm: setpoints.
-        law: gain and limit of the climb by our own setpoints.
+        law: of the navigation; the climb by our own setpoints is the height law (6).
         gps: whether the autopilot knows its position by GPS.
         measured_m: the measured height above ground, None while it is not known.
         risen_m: how far the autopilot's own estimate has risen since it was armed, None when it is not known.
@@ -85,7 +87,7 @@ class TakeOff:
     ) -> None:
         self._commander = commander
         self._helm = helm
-        self._law = law
+        self._law = cast("Parameters", law)
         self._ramp = Ramp(law.max_accel_mps2, POLL_S)
         self._gps = gps
         self._measured_m = measured_m
@@ -179,5 +181,4 @@ class TakeOff:
             now_m = self._risen_m()
             if now_m is None or now_m > BLIND_RISE_M:
                 return 0.0
-        limit_mps = self._law.max_climb_mps
-        return min(max(self._law.height_gain_per_s * (height_m - now_m), -limit_mps), limit_mps)
+        return laws.climb_mps(height_m, now_m, None, 0.0, self._law)

@@ -10,10 +10,12 @@ from companion.autopilot.interface import Link, Message, Stream
 from companion.autopilot.message_rates import Rates, wanted_hz
 from companion.autopilot.vehicle_state import StatusText, VehicleState, integer, number
 from companion.clock import Clock, ClockAlignment
+from companion.config.settings import Settings
 from companion.frames import NedPose, pose_from_ned
 from companion.mavlink.estimator import ESTIMATOR
 from companion.mavlink.ids import MavCmd, MavComponent, MavModeFlag
 from companion.mavlink.modes import mode_name
+from companion.mavlink.position_jump import Motion, position_jump_m
 from companion.mavlink.text import printable
 from companion.model import Pose
 from companion.pose_buffer import LARGEST, PoseBuffer
@@ -34,8 +36,6 @@ STALE_S = 3.0
 BATTERY_STALE_S = 10.0
 OLDEST_S = 2.0
 """A pose that says to have been measured longer ago than `PoseBuffer` remembers is one sent again, or garbage."""
-LEAP_M = 0.5
-"""A position that is this far from where the last one and its velocity lead was set anew by the estimator."""
 AUTOPILOT_VERSION_ID = 148
 NANOSECONDS = 1e-9
 
@@ -49,8 +49,7 @@ class Telemetry:
     Args:
         link: to the autopilot.
         clock: ours.
-        attitude_hz: rate asked for.
-        position_hz: rate asked for.
+        settings: the rates to ask for, and how far a position may be from where the last one leads.
 
     Attributes:
         poses: of the last seconds, in ENU/FLU.
@@ -59,15 +58,16 @@ class Telemetry:
         malformed: messages without the numbers that they should have, or with absurd ones.
     """
 
-    def __init__(self, link: Link, clock: Clock, attitude_hz: float = 50.0, position_hz: float = 50.0) -> None:
+    def __init__(self, link: Link, clock: Clock, settings: Settings) -> None:
         self.poses = PoseBuffer()
         self.restarts = 0
         self.leaps = 0
         self.malformed = 0
         self._link = link
         self._clock = clock
+        self._jump_m = settings.safety.pose.jump_m
         self._alignment = ClockAlignment()
-        self._rates = Rates(link, wanted_hz(link.kind, attitude_hz, position_hz))
+        self._rates = Rates(link, wanted_hz(link.kind, settings.autopilot))
         self._questions: deque[tuple[int, float]] = deque(maxlen=QUESTIONS)  # ts1, when
         self._begun_s: float | None = None
         self._asked_time_s = -math.inf
@@ -221,12 +221,16 @@ class Telemetry:
         )
         if pose is None:
             return
-        if self._position is not None and _leapt(self._position, pose):
+        if self._position is not None and self._jumped(self._position, pose):
             self.leaps += 1
             self.poses.clear()
         if self._position is None or pose.t_s > self._position.t_s:
             self._position = pose
         self.poses.add_position(pose.t_s, pose.x_m, pose.y_m, pose.z_m, pose.vx_mps, pose.vy_mps, pose.vz_mps)
+
+    def _jumped(self, before: Pose, after: Pose) -> bool:
+        """Whether the estimator has set the position anew."""
+        return position_jump_m(_motion(before), _motion(after), after.t_s - before.t_s) > self._jump_m
 
     def _pose(self, message: Message, **ned: float) -> Pose | None:
         """The numbers of one message, in our frames; what it does not say is zero."""
@@ -259,16 +263,5 @@ def _fresh(stream: Stream, now_s: float, longest_s: float) -> Message | None:
     return stream.newest if stream.age_s(now_s) <= longest_s else None
 
 
-def _leapt(before: Pose, after: Pose) -> bool:
-    """Whether a position cannot have come from the one before by flying."""
-    dt_s = after.t_s - before.t_s
-    if not 0.0 < dt_s < 1.0:
-        return False
-    return (
-        math.hypot(
-            after.x_m - before.x_m - 0.5 * (before.vx_mps + after.vx_mps) * dt_s,
-            after.y_m - before.y_m - 0.5 * (before.vy_mps + after.vy_mps) * dt_s,
-            after.z_m - before.z_m - 0.5 * (before.vz_mps + after.vz_mps) * dt_s,
-        )
-        > LEAP_M
-    )
+def _motion(pose: Pose) -> Motion:
+    return pose.x_m, pose.y_m, pose.z_m, pose.vx_mps, pose.vy_mps, pose.vz_mps

@@ -52,8 +52,7 @@ async def open_session(
         InputError: a driver's settings can never work.
     """
     async with background(gate.run()), MavsdkLink(settings.autopilot, clock, gate.url) as link:
-        autopilot = settings.autopilot
-        telemetry = Telemetry(link, clock, autopilot.attitude_hz, autopilot.position_hz)
+        telemetry = Telemetry(link, clock, settings)
         sink = SensorSink(clock)
         drivers = load_drivers(settings, DriverContext(clock, link))
         async with background(telemetry.run(), *(_keep_running(driver, sink, clock) for driver in drivers)):

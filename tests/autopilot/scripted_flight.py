@@ -25,7 +25,7 @@ class Flight:
         self.link = ScriptedLink(self.clock, kind)
         self.autopilot = ScriptedAutopilot(self.link, self.clock)
         self.settings = Settings.model_validate({"autopilot": {"gps": gps}, "mission": {"end_action": end}})
-        self.telemetry = Telemetry(self.link, self.clock)
+        self.telemetry = Telemetry(self.link, self.clock, self.settings)
         self.vehicle = Vehicle(self.link, self.telemetry, self.settings, self.clock)
         self.autopilot.heartbeat()
 

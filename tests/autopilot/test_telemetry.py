@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.autopilot.telemetry import TEXTS, Telemetry
+from companion.config.settings import Settings
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavCmd
 from tests.autopilot.fake_link import FakeLink, HandClock
@@ -29,7 +30,7 @@ class Autopilot:
     def __init__(self, kind: AutopilotKind = AutopilotKind.PX4) -> None:
         self.clock = HandClock()
         self.link = FakeLink(self.clock, kind)
-        self.telemetry = Telemetry(self.link, self.clock)
+        self.telemetry = Telemetry(self.link, self.clock, Settings())
         self.booted_s = BOOTED_S
         self.delay_s = 0.01
         self.answers_time = True

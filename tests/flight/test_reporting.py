@@ -11,6 +11,7 @@ import pytest
 
 from companion.autopilot.status_reporter import Announcer
 from companion.autopilot.telemetry import Telemetry
+from companion.config.settings import Settings
 from companion.flight.events import EventEmitter
 from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.flight.reporting import MapFeed, TickReporter
@@ -73,7 +74,7 @@ class Stand:
     def __init__(self) -> None:
         self.clock = HandClock(100.0)
         self.link = FakeLink(self.clock)
-        self.telemetry = Telemetry(self.link, self.clock)
+        self.telemetry = Telemetry(self.link, self.clock, Settings())
         self.announcer = Announcer(self.link, self.clock)
         self.notes = Notes()
         self.said: list[str] = []

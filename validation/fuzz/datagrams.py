@@ -17,6 +17,7 @@ from companion.autopilot.link import MavsdkLink
 from companion.autopilot.telemetry import Telemetry
 from companion.clock import MonotonicClock
 from companion.config.autopilot import AutopilotSettings
+from companion.config.settings import Settings
 from companion.flight.operator_commands import Orders
 from companion.flight.phase import PhaseMachine
 from tests.autopilot.responder import Responder, free_port
@@ -94,7 +95,7 @@ class Line:
     def __init__(self, link: MavsdkLink, autopilot: Responder) -> None:
         self.link, self.autopilot = link, autopilot
         self.clock = MonotonicClock()
-        self.telemetry = Telemetry(link, self.clock)
+        self.telemetry = Telemetry(link, self.clock, Settings())
         self.orders = Orders(by_command=False, flight=PhaseMachine())
         self.orders.listen(link)
         self.seen: list[Message] = []

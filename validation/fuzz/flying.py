@@ -84,7 +84,7 @@ class Flying:
         self.mode, self.armed = self.modes.hold, True
         self.good = {"pose", "depth", "down", "heartbeat"}
         self.sink = SensorSink(self.clock)
-        self.telemetry = Telemetry(self.link, self.clock)
+        self.telemetry = Telemetry(self.link, self.clock, SETTINGS)
         self.vehicle = Vehicle(self.link, self.telemetry, SETTINGS, self.clock)
         self.flight = PhaseMachine()
         self.orders = Orders(by_command=True, flight=self.flight)

@@ -96,7 +96,7 @@ class Bench:
                 **OF_PERSONALITY[kind.value],
             }
         )
-        self.telemetry = Telemetry(self.link, self.clock)
+        self.telemetry = Telemetry(self.link, self.clock, self.settings)
         self.inputs = {"depth": Reading(5.0)} | {beam: Reading(10.0) for beam in BEAMS}
         self.height_m: float | None = 0.12
         self.armed = False

@@ -42,7 +42,7 @@ def test_a_heartbeat_that_cannot_be_read_does_not_end_the_flight(spoiled: dict[s
     """It was taken for that of a disarmed vehicle."""
     clock = HandClock()
     link = FakeLink(clock)
-    telemetry = Telemetry(link, clock)
+    telemetry = Telemetry(link, clock, SETTINGS)
     link.deliver("HEARTBEAT", ARMED)
     clock.advance(1.0)
     link.deliver("HEARTBEAT", ARMED | spoiled)
@@ -54,7 +54,7 @@ def test_a_heartbeat_that_cannot_be_read_does_not_end_the_flight(spoiled: dict[s
 def test_a_mode_that_is_no_number_is_no_takeover() -> None:
     clock = HandClock()
     link = FakeLink(clock)
-    vehicle = Vehicle(link, Telemetry(link, clock), SETTINGS, clock)
+    vehicle = Vehicle(link, Telemetry(link, clock, SETTINGS), SETTINGS, clock)
     vehicle._commander.watch.ask(frozenset({4}))
     link.deliver("HEARTBEAT", ARMED)
     link.deliver("HEARTBEAT", ARMED | {"custom_mode": True})
@@ -69,7 +69,7 @@ def test_a_statustext_can_be_printed(text: str) -> None:
     """The operator's terminal obeyed it; half a surrogate pair would have ended the loop that flies."""
     clock = HandClock()
     link = FakeLink(clock)
-    telemetry = Telemetry(link, clock)
+    telemetry = Telemetry(link, clock, SETTINGS)
     link.deliver("STATUSTEXT", {"severity": 4, "text": text})
     (said,) = telemetry.texts
     assert said.text.isprintable()
@@ -80,7 +80,7 @@ def test_a_number_too_large_for_a_float_is_none(caplog: pytest.LogCaptureFixture
     """It raised out of `Telemetry.state`, and so out of the loop that flies."""
     clock = HandClock()
     link = FakeLink(clock)
-    telemetry = Telemetry(link, clock)
+    telemetry = Telemetry(link, clock, SETTINGS)
     link.deliver("SYS_STATUS", {"battery_remaining": 10**400})
     link.deliver("ATTITUDE", dict.fromkeys(("time_boot_ms", "roll", "pitch", "yaw", "yawspeed"), 10**400))
     link.deliver("TIMESYNC", {"tc1": 10**400, "ts1": 1})
@@ -93,7 +93,7 @@ def test_a_pose_of_long_ago_is_no_pose() -> None:
     """The buffer took it while it was empty, for one that had only just been measured in its own time."""
     clock = HandClock()
     link = FakeLink(clock)
-    telemetry = Telemetry(link, clock)
+    telemetry = Telemetry(link, clock, SETTINGS)
     attitude = dict.fromkeys(("roll", "pitch", "yaw", "yawspeed"), 0.0)
     position = dict.fromkeys(("x", "y", "z", "vx", "vy", "vz"), 0.0)
     link.deliver("ATTITUDE", {"time_boot_ms": 60_000, **attitude})
