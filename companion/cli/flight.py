@@ -12,10 +12,8 @@ from typing import Annotated, Literal, NoReturn
 
 import typer
 
-Config = Annotated[Path | None, typer.Option("--config", metavar="FILE", help="YAML file that describes the vehicle.")]
-Preset = Annotated[
-    str | None, typer.Option("--preset", metavar="NAME", help="Preset below the file; overrides the file's choice.")
-]
+from companion.cli.options import AsJson, Config, Preset
+
 Fix = Annotated[bool, typer.Option("--fix", help="Set the autopilot's parameters that a check finds wrong.")]
 Skip = Annotated[
     list[str] | None, typer.Option("--skip", metavar="CHECK", help="Skip this check, on record; may be repeated.")
@@ -63,7 +61,7 @@ def run(
 
 def figures(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Recording of a flight, flight.mcap.")],
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Print the figures of a recorded flight: setpoint rate and jitter, ages of the inputs, CPU and memory."""
     from companion.recording.flight_stats import show_figures
