@@ -1,4 +1,4 @@
-"""Which messages the autopilot has to send how often, and asking again when it does not."""
+"""Rates of the autopilot's messages: asked for, and asked for again when they do not come."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def wanted_hz(kind: AutopilotKind, settings: AutopilotSettings) -> dict[str, flo
     }
 
 
-class Rates:
+class MessageRates:
     """Asks by SET_MESSAGE_INTERVAL, without waiting for answers: the measured rate is the answer."""
 
     def __init__(self, link: Link, wanted: Mapping[str, float]) -> None:

@@ -1,4 +1,4 @@
-"""Asks the autopilot for things, sees whether they happen, and has its own words for it when they do not."""
+"""Modes, arming and take-off: asked for, confirmed by heartbeats, refused in the autopilot's own words."""
 
 from __future__ import annotations
 
@@ -199,8 +199,8 @@ class ModeControl:
             if self._monitor.confirmed:
                 return
             waited_s = self._clock.now_s() - accepted_s
-            told = self._monitor.heartbeat_s > accepted_s + HEARTBEAT_LATE_S
-            if (waited_s > MODE_GRACE_S and told) or waited_s > MODE_LIMIT_S:
+            shown = self._monitor.heartbeat_s > accepted_s + HEARTBEAT_LATE_S
+            if (waited_s > MODE_GRACE_S and shown) or waited_s > MODE_LIMIT_S:
                 raise self.failure(f"the autopilot accepted the mode {name} but does not show it", asked_s)
             await self._clock.sleep(POLL_S)
 

@@ -1,4 +1,4 @@
-"""What we tell everybody on the link: our heartbeat and true state, texts for the pilot, and a few numbers to plot."""
+"""Our own words on the link: heartbeat with the true state, texts for the pilot, and a few numbers to plot."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NAME_BYTES = 10
 MAVLINK_VERSION = 3
 
 
-class Announcer:
+class StatusReporter:
     """Sends HEARTBEAT once a second, STATUSTEXT at most once a second, and NAMED_VALUE_FLOAT twice a second.
 
     A link that is gone is no concern of it: what could not be sent is forgotten.
@@ -84,7 +84,7 @@ class Announcer:
             self._values[name] = value
 
     async def run(self) -> None:
-        """Announce until cancelled; what was said last, perhaps why nothing flies, still goes out."""
+        """Report until cancelled; what was said last, perhaps why nothing flies, still goes out."""
         try:
             while True:
                 self.tick()

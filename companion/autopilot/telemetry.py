@@ -1,4 +1,4 @@
-"""What the autopilot measures and says: poses by its own clock, and the state of the vehicle."""
+"""Telemetry of the autopilot: poses by its own clock, and the state of the vehicle."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections import deque
 
 from companion.autopilot import vehicle_state
 from companion.autopilot.interface import Link, Message, Stream
-from companion.autopilot.message_rates import Rates, wanted_hz
+from companion.autopilot.message_rates import MessageRates, wanted_hz
 from companion.autopilot.vehicle_state import StatusText, VehicleState, integer, number
 from companion.clock import Clock, ClockAlignment
 from companion.config.settings import Settings
@@ -67,7 +67,7 @@ class Telemetry:
         self._clock = clock
         self._jump_m = settings.safety.pose.jump_m
         self._alignment = ClockAlignment()
-        self._rates = Rates(link, wanted_hz(link.kind, settings.autopilot))
+        self._rates = MessageRates(link, wanted_hz(link.kind, settings.autopilot))
         self._questions: deque[tuple[int, float]] = deque(maxlen=QUESTIONS)  # ts1, when
         self._begun_s: float | None = None
         self._asked_time_s = -math.inf
@@ -82,11 +82,11 @@ class Telemetry:
         self._battery = link.watch("BATTERY_STATUS")
         self._landed = link.watch("EXTENDED_SYS_STATE")
         self._estimator = link.watch(ESTIMATOR[link.kind])
-        link.events("HEARTBEAT", self._heartbeat_came)
-        link.events("ATTITUDE", self._attitude_came)
-        link.events("LOCAL_POSITION_NED", self._position_came)
-        link.events("TIMESYNC", self._time_came)
-        link.events("STATUSTEXT", self._text_came)
+        link.events("HEARTBEAT", self._on_heartbeat)
+        link.events("ATTITUDE", self._on_attitude)
+        link.events("LOCAL_POSITION_NED", self._on_position)
+        link.events("TIMESYNC", self._on_timesync)
+        link.events("STATUSTEXT", self._on_text)
 
     async def run(self) -> None:
         """Keep asking, until cancelled."""
@@ -149,7 +149,7 @@ class Telemetry:
     def _newest_heartbeat(self) -> Message | None:
         """The newest that can be read, even when its event is still on the way."""
         if self._heartbeats.newest is not None:
-            self._heartbeat_came(self._heartbeats.newest)
+            self._on_heartbeat(self._heartbeats.newest)
         return self._heartbeat
 
     def _battery_percent(self, now_s: float) -> float | None:
@@ -168,7 +168,7 @@ class Telemetry:
         self._questions.append((question, sent_s))
         self._link.send("TIMESYNC", {"tc1": 0, "ts1": question})
 
-    def _time_came(self, message: Message) -> None:
+    def _on_timesync(self, message: Message) -> None:
         answer, question = integer(message, "tc1"), integer(message, "ts1")
         if not answer or answer < 0:
             return  # a question of the autopilot's own
@@ -198,7 +198,7 @@ class Telemetry:
         self._rates.restart()
         self._begun_s = now_s
 
-    def _attitude_came(self, message: Message) -> None:
+    def _on_attitude(self, message: Message) -> None:
         pose = self._pose(
             message,
             roll_rad=number(message, "roll"),
@@ -209,7 +209,7 @@ class Telemetry:
         if pose is not None:
             self.poses.add_attitude(pose.t_s, pose.roll_rad, pose.pitch_rad, pose.yaw_rad, pose.yaw_rate_radps)
 
-    def _position_came(self, message: Message) -> None:
+    def _on_position(self, message: Message) -> None:
         pose = self._pose(
             message,
             north_m=number(message, "x"),
@@ -240,12 +240,12 @@ class Telemetry:
             return None
         return pose_from_ned(NedPose(**(dict.fromkeys(NedPose.__slots__, 0.0) | ned | {"t_s": t_s})))
 
-    def _heartbeat_came(self, message: Message) -> None:
+    def _on_heartbeat(self, message: Message) -> None:
         # One that cannot be read says neither that the vehicle disarmed, nor that the autopilot lives.
         if integer(message, "custom_mode") is not None and integer(message, "base_mode") is not None:
             self._heartbeat = message
 
-    def _text_came(self, message: Message) -> None:
+    def _on_text(self, message: Message) -> None:
         text, severity = message.fields.get("text"), integer(message, "severity")
         if not isinstance(text, str) or severity is None:
             self.malformed += 1

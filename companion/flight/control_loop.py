@@ -8,14 +8,14 @@ from collections.abc import Callable
 from typing import Protocol
 
 from companion.flight.phase import FlightPhase, PhaseMachine
-from companion.flight.rate import Pace
+from companion.flight.rate import Rate
 from companion.model import Measurement, Mode, Pose, Setpoint
 from companion.pipeline import Explorer, Tick
 from companion.sensors.synchronizer import Inputs
 
 
-class Helm(Protocol):
-    """What obeys setpoints."""
+class SetpointSink(Protocol):
+    """Whatever follows setpoints: the vehicle."""
 
     def send(self, setpoint: Setpoint) -> bool:
         """Send one setpoint; whether it went out."""
@@ -23,7 +23,7 @@ class Helm(Protocol):
 
 
 class Gate(Protocol):
-    """Who has to know that a tick was completed before its setpoint comes."""
+    """The gate, which has to know that a tick was completed before its setpoint comes."""
 
     def ticked(self, t_s: float, pose: Pose | None, measurement: Measurement | None) -> None:
         """Everything that this tick's setpoint rests on; None while no pose is known."""
@@ -34,7 +34,7 @@ Watcher = Callable[[Tick], None]
 """Whoever wants to know of each tick: recording, announcements, the map. Takes no longer than a millisecond or two."""
 
 
-class Pilot:
+class ControlLoop:
     """Looks always, steers while the flight explores.
 
     A tick whose pose is missing sends nothing: a velocity means nothing to an autopilot that may not know its own, and
@@ -54,9 +54,9 @@ class Pilot:
         self,
         inputs: Inputs,
         explorer: Explorer,
-        pace: Pace,
+        rate: Rate,
         flight: PhaseMachine,
-        helm: Helm | None,
+        vehicle: SetpointSink | None,
         watchers: tuple[Watcher, ...] = (),
         gate: Gate | None = None,
     ) -> None:
@@ -67,9 +67,9 @@ class Pilot:
         """When a tick last had all its inputs."""
         self._inputs = inputs
         self._explorer = explorer
-        self._pace = pace
+        self._rate = rate
         self._flight = flight
-        self._helm = helm
+        self._vehicle = vehicle
         self._watchers = watchers
         self._gate = gate
 
@@ -79,7 +79,7 @@ class Pilot:
 
     async def run(self) -> None:
         """Tick until cancelled."""
-        async for now_s in self._pace.ticks():
+        async for now_s in self._rate.ticks():
             self.tick(now_s)
 
     def tick(self, now_s: float) -> Tick:
@@ -104,7 +104,7 @@ class Pilot:
         # Only here, where everything before has succeeded: a tick that failed must not look like one that did.
         if self._gate is not None:
             self._gate.ticked(now_s, self.pose, measurement)
-        sent = setpoint is not None and self._helm is not None and self._helm.send(setpoint)
+        sent = setpoint is not None and self._vehicle is not None and self._vehicle.send(setpoint)
         navigator = self._explorer.navigator
         tick = Tick(
             t_s=now_s,

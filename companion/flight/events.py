@@ -1,4 +1,4 @@
-"""What a flight tells people: one table of events, and the emitter that passes them to every sink."""
+"""Events of a flight that people are told: one table, and the emitter that passes them to every sink."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from companion.recording import content
 
 @dataclass(frozen=True, slots=True)
 class Texts:
-    """What is said of an event, and where. Braces are filled in with the details of its occurrence.
+    """Texts of an event for each place where it is told. Braces are filled in with the details of its occurrence.
 
     Attributes:
         console: the operator's line; None: none.

@@ -13,28 +13,28 @@ from typing import Any
 
 import numpy as np
 
-from companion.autopilot.status_reporter import Announcer
+from companion.autopilot.status_reporter import StatusReporter
 from companion.autopilot.vehicle import Vehicle
 from companion.clock import MonotonicClock
 from companion.config.settings import Settings
 from companion.config.show import dump_yaml
 from companion.errors import InputError
-from companion.flight.airborne import InTheAir
-from companion.flight.control_loop import Pilot
+from companion.flight.airborne import Airborne
+from companion.flight.control_loop import ControlLoop
 from companion.flight.events import Event, EventEmitter
 from companion.flight.gate_client import GateTalk
 from companion.flight.gate_socket import GateLink
-from companion.flight.operator_commands import InterruptedFlightError, Orders
+from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands
 from companion.flight.phase import PhaseEvent, PhaseMachine
 from companion.flight.preflight import CheckResult
 from companion.flight.preflight.run import checked, passed
-from companion.flight.rate import Pace
+from companion.flight.rate import Rate
 from companion.flight.reporting import MapFeed, TickReporter
 from companion.flight.request import FlightRequest
 from companion.flight.session import Session, open_session
 from companion.flight.sinks import console, recording, status_text
 from companion.flight.tasks import background
-from companion.flight.termination import Ending
+from companion.flight.termination import Termination
 from companion.flight.warm_up import warm_up
 from companion.mapping.process.client import MapWorker, check_folder
 from companion.mapping.process.status import MapError
@@ -79,21 +79,21 @@ async def fly(request: FlightRequest, gate: GateLink, show: Show) -> dict[str, A
     settings = request.settings
     check_folder(request.resume_map, resume=True)
     flight = PhaseMachine()
-    orders = Orders(settings.mission.start == "command", flight)
+    operator = OperatorCommands(settings.mission.start == "command", flight)
     events = EventEmitter(console(show))
     _load(settings, events)
-    with orders.signals():
+    with operator.signals():
         try:
             clock = MonotonicClock()
             async with open_session(settings, clock, GateTalk(gate, clock, events, flight), flight) as session:
-                orders.listen(session.link)
-                announcer = Announcer(session.link, session.clock)
-                events.add(status_text(announcer))
-                async with background(announcer.run()):
+                operator.listen(session.link)
+                status_reporter = StatusReporter(session.link, session.clock)
+                events.add(status_text(status_reporter))
+                async with background(status_reporter.run()):
                     results = await passed(session, request, events)
-                    return await _Flight(session, request, orders, announcer, events).run(results)
+                    return await _Flight(session, request, operator, status_reporter, events).run(results)
         except asyncio.CancelledError:
-            if not orders.interrupted:
+            if not operator.interrupted:
                 raise
             raise InterruptedFlightError("stopped before the take-off; nothing was armed") from None
 
@@ -112,16 +112,16 @@ class _Flight:
         self,
         session: Session,
         request: FlightRequest,
-        orders: Orders,
-        announcer: Announcer,
+        operator: OperatorCommands,
+        status_reporter: StatusReporter,
         events: EventEmitter,
     ) -> None:
         drawn = int(np.random.SeedSequence().generate_state(1)[0])
         self._session = session
         self._settings = session.settings
         self._request = request
-        self._orders = orders
-        self._announcer = announcer
+        self._operator = operator
+        self._status_reporter = status_reporter
         self._gate = session.gate
         self._seed = drawn if request.seed is None else request.seed
         self._events = events
@@ -145,30 +145,30 @@ class _Flight:
             self._record(results)
             results = await self._wait_for_start(results)
             vehicle = Vehicle(session.link, session.telemetry, settings, session.clock)
-            pilot = Pilot(
+            control_loop = ControlLoop(
                 session.inputs,
                 explorer,
-                Pace(session.clock, settings.control.period_s),
+                Rate(session.clock, settings.control.period_s),
                 session.flight,
                 vehicle,
                 (
                     recorder.tick,
                     MapFeed(mapper),
-                    TickReporter(events, self._announcer, session.telemetry, mapper, session.flight),
+                    TickReporter(events, self._status_reporter, session.telemetry, mapper, session.flight),
                 ),
                 self._gate,
             )
-            in_the_air = InTheAir(session, self._orders, vehicle, pilot, mapper, events)
+            airborne = Airborne(session, self._operator, vehicle, control_loop, mapper, events)
             broke_off: Exception | None = None
             try:
-                why: str = (await in_the_air.run()).value
+                why: str = (await airborne.run()).value
             except Exception as error:  # noqa: BLE001 - it is raised again, when nothing is lost any more
                 # The vehicle holds or lands by now; what was flown for must not be lost with the flight.
                 broke_off, why = error, f"broke off: {error}"
                 events.emit(Event.BROKE_OFF, why=why)
             files, problem = await self._save(mapper)
             explored = {
-                "explored_s": round(in_the_air.explored_s, 1),
+                "explored_s": round(airborne.explored_s, 1),
                 "map_folder": str(map_folder),
                 "map_problem": problem,
             }
@@ -211,8 +211,8 @@ class _Flight:
         self._session.flight.update(PhaseEvent.READY)
         self._events.emit(Event.WAITING)
         self._events.emit(Event.READY_FOR_KEY if start == "key" else Event.READY_FOR_COMMAND)
-        with self._orders.enter_key() if start == "key" else nullcontext():
-            await self._orders.start.wait()
+        with self._operator.enter_key() if start == "key" else nullcontext():
+            await self._operator.start.wait()
         if clock.now_s() - checked_s > CHECKS_HOLD_S:
             self._events.emit(Event.CHECKING_AGAIN)
             results = await passed(self._session, self._request, self._events)
@@ -232,8 +232,8 @@ class _Flight:
             "seed": self._seed,
             "autopilot": session.link.kind.value,
             "ended_because": why,
-            "as_it_should": why in [ending.value for ending in Ending if ending.as_it_should],
-            "interrupted": self._orders.interrupted,
+            "as_it_should": why in [termination.value for termination in Termination if termination.as_it_should],
+            "interrupted": self._operator.interrupted,
             "completeness_estimate": status.completeness,
             "recording": recorder.problem or "whole",
             "recording_ticks_dropped": recorder.ticks_dropped,

@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator
 from companion.clock import Clock
 
 
-class Pace:
+class Rate:
     """Gives one time a period. A tick that came too late is counted and not repeated.
 
     Args:

@@ -1,8 +1,8 @@
-"""What follows from a tick: for the map, and for pilot and operator."""
+"""Watchers of the tick: the map is fed by it, pilot and operator are told of what it shows."""
 
 from __future__ import annotations
 
-from companion.autopilot.status_reporter import Announcer
+from companion.autopilot.status_reporter import StatusReporter
 from companion.autopilot.telemetry import Telemetry
 from companion.flight.events import Event, EventEmitter
 from companion.flight.phase import FlightPhase, PhaseMachine
@@ -54,13 +54,13 @@ class TickReporter:
     def __init__(
         self,
         events: EventEmitter,
-        announcer: Announcer,
+        status_reporter: StatusReporter,
         telemetry: Telemetry,
         mapper: MapWorker,
         flight: PhaseMachine,
     ) -> None:
         self._emit = events.emit
-        self._announcer = announcer
+        self._status_reporter = status_reporter
         self._telemetry = telemetry
         self._mapper = mapper
         self._flight = flight
@@ -78,9 +78,9 @@ class TickReporter:
         self._relay_texts()
         self._watch_map()
         measurement = tick.measurement
-        self._announcer.value("d", None if measurement is None else measurement.d_m)
-        self._announcer.value("h", None if measurement is None else measurement.h_m)
-        self._announcer.value("complete", self._mapper.status.completeness)
+        self._status_reporter.value("d", None if measurement is None else measurement.d_m)
+        self._status_reporter.value("h", None if measurement is None else measurement.h_m)
+        self._status_reporter.value("complete", self._mapper.status.completeness)
         if self._flight.phase is not FlightPhase.EXPLORING:
             return
         self._watch_inputs(tick)

@@ -1,4 +1,4 @@
-"""What is asked of the application, and the sealed memory in which it is handed over.
+"""The request to the application, and the sealed memory in which it is handed over.
 
 Not a file: a configuration that is edited while the vehicle flies changes nothing, also when the application has to be
 started again.

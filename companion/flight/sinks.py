@@ -1,11 +1,11 @@
-"""Where events go: the operator's console, the pilot's ground station, the recording."""
+"""Sinks of events: the operator's console, the pilot's ground station, the recording."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable
 
-from companion.autopilot.status_reporter import Announcer
+from companion.autopilot.status_reporter import StatusReporter
 from companion.flight.events import Details, Event, Sink
 from companion.mavlink.ids import MavSeverity, MavState
 from companion.recording import Recorder
@@ -27,15 +27,15 @@ def console(show: Callable[[str], None]) -> Sink:
     return sink
 
 
-def status_text(announcer: Announcer) -> Sink:
+def status_text(status_reporter: StatusReporter) -> Sink:
     """A STATUSTEXT for the pilot, and the state in our heartbeat: standby on the ground, anything else in the air."""
 
     def sink(event: Event, details: Details) -> None:
         texts = event.value
         if texts.status is not None:
-            announcer.say(texts.status.format_map(details), texts.severity)
+            status_reporter.say(texts.status.format_map(details), texts.severity)
         if texts.state is not None:
-            announcer.state(texts.state, armed=texts.state is not MavState.STANDBY)
+            status_reporter.state(texts.state, armed=texts.state is not MavState.STANDBY)
 
     return sink
 

@@ -1,4 +1,4 @@
-"""Why a flight ends, and which of the reasons comes first."""
+"""Reasons to end a flight, the gravest first."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ MAP_SILENT_S = 60.0
 """A map that says nothing for this long will not come back by itself; it is what the flight is for."""
 
 
-class Ending(enum.StrEnum):
-    """Why the exploring ended."""
+class Termination(enum.StrEnum):
+    """Reason for which the exploring ended."""
 
     COMPLETE = "complete"
     """No frontier is left that the vehicle could reach."""
@@ -40,17 +40,17 @@ class Ending(enum.StrEnum):
     @property
     def as_it_should(self) -> bool:
         """Whether the mission did what it was sent for, or what a person asked of it."""
-        return self in (Ending.COMPLETE, Ending.STOPPED)
+        return self in (Termination.COMPLETE, Termination.STOPPED)
 
     @property
     def hands_off(self) -> bool:
         """Whether the vehicle is no longer ours to end the flight of."""
-        return self in (Ending.GATE_LOST, Ending.GATE, Ending.PILOT, Ending.DISARMED)
+        return self in (Termination.GATE_LOST, Termination.GATE, Termination.PILOT, Termination.DISARMED)
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
-    """What decides whether a flight goes on.
+class Conditions:
+    """Conditions on which it depends whether a flight goes on.
 
     Attributes:
         vehicle: the autopilot's last word.
@@ -77,22 +77,22 @@ class Standing:
     map_silent_s: float
 
 
-def ending(now: Standing, settings: Settings) -> Ending | None:
+def termination(now: Conditions, settings: Settings) -> Termination | None:
     """The reason to end the exploring, the gravest first; None to go on."""
     vehicle, mission = now.vehicle, settings.mission
     battery = vehicle.battery_percent
     reasons = (
-        (Ending.GATE_LOST, now.gate_lost),
-        (Ending.GATE, now.gate_took_over and now.pilot_took_over),
-        (Ending.LINK, vehicle.heartbeat_age_s > settings.safety.stale.heartbeat_s),
-        (Ending.DISARMED, not vehicle.armed),
-        (Ending.PILOT, now.pilot_took_over),
-        (Ending.BATTERY, battery is not None and battery < mission.battery_low_percent),
-        (Ending.BATTERY, now.battery_silent_s > BATTERY_SILENT_S),
-        (Ending.INPUTS, now.blind_s > mission.input_timeout_s),
-        (Ending.MAP, now.map_silent_s > MAP_SILENT_S),
-        (Ending.STOPPED, now.stop_asked),
-        (Ending.COMPLETE, now.complete),
-        (Ending.TIME, now.flown_s > mission.time_limit_s),
+        (Termination.GATE_LOST, now.gate_lost),
+        (Termination.GATE, now.gate_took_over and now.pilot_took_over),
+        (Termination.LINK, vehicle.heartbeat_age_s > settings.safety.stale.heartbeat_s),
+        (Termination.DISARMED, not vehicle.armed),
+        (Termination.PILOT, now.pilot_took_over),
+        (Termination.BATTERY, battery is not None and battery < mission.battery_low_percent),
+        (Termination.BATTERY, now.battery_silent_s > BATTERY_SILENT_S),
+        (Termination.INPUTS, now.blind_s > mission.input_timeout_s),
+        (Termination.MAP, now.map_silent_s > MAP_SILENT_S),
+        (Termination.STOPPED, now.stop_asked),
+        (Termination.COMPLETE, now.complete),
+        (Termination.TIME, now.flown_s > mission.time_limit_s),
     )
     return next((reason for reason, holds in reasons if holds), None)

@@ -11,18 +11,18 @@ from typing import Any, Self
 import pytest
 
 from companion.config.load import load_settings
-from companion.flight.airborne import InTheAir
+from companion.flight.airborne import Airborne
 from companion.flight.events import Event, EventEmitter
 from companion.flight.gate_client import GateLostError, GateTalk, GateTookOverError
-from companion.flight.operator_commands import InterruptedFlightError, Orders
+from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands
 from companion.flight.phase import FlightPhase, PhaseMachine
-from companion.flight.termination import Ending
+from companion.flight.termination import Termination
 from companion.gate.protocol import Phase
 from companion.mavlink.firmware import AutopilotKind
 from tests.autopilot.fake_link import HandClock
 from tests.flight.fake_gate import FakeGate
 from tests.flight.test_reporting import STATUS
-from tests.flight.test_termination import standing
+from tests.flight.test_termination import conditions
 
 
 class Vehicle:
@@ -68,7 +68,7 @@ class Vehicle:
             self.mode = self.leaves_in
 
 
-class Pilot:
+class ControlLoop:
     """Ticks, until the test has it fail."""
 
     def __init__(self, gate: GateTalk, flight: PhaseMachine, clock: HandClock) -> None:
@@ -99,8 +99,8 @@ class Stand:
         self.clock = HandClock()
         self.talk = GateTalk(gate.link, self.clock, EventEmitter(), self.phases)
         self.vehicle = Vehicle(self.talk, self.clock)
-        self.pilot = Pilot(self.talk, self.phases, self.clock)
-        self.orders = Orders(by_command=False, flight=self.phases)
+        self.control_loop = ControlLoop(self.talk, self.phases, self.clock)
+        self.operator = OperatorCommands(by_command=False, flight=self.phases)
         self.status = STATUS
         self.events: list[tuple[Event, dict[str, object]]] = []
         emitter = EventEmitter(lambda event, details: self.events.append((event, dict(details))))
@@ -112,18 +112,18 @@ class Stand:
             gate=self.talk,
             flight=self.phases,
         )
-        parts: Any = (session, self.orders, self.vehicle, self.pilot, self, emitter)
-        self.flight = InTheAir(*parts)
+        parts: Any = (session, self.operator, self.vehicle, self.control_loop, self, emitter)
+        self.flight = Airborne(*parts)
 
     def _state(self, _: float) -> object:
-        return replace(standing().vehicle, armed=self.vehicle.armed, mode=self.vehicle.mode)
+        return replace(conditions().vehicle, armed=self.vehicle.armed, mode=self.vehicle.mode)
 
     async def _meanwhile(self, what: str) -> None:
         await self.clock.sleep(0.3)
         if what == "complete":
             self.status = replace(STATUS, complete=True)
         elif what == "stop":
-            self.orders.stop.set()
+            self.operator.stop.set()
         elif what == "gate dies":
             self.gate.die()
         elif what == "gate holds":
@@ -131,9 +131,9 @@ class Stand:
             await self.clock.sleep(0.1)
             self.vehicle.foreign_mode = "hold"
         elif what == "tick fails":
-            self.pilot.fails = True
+            self.control_loop.fails = True
 
-    async def fly(self, what: str) -> Ending:
+    async def fly(self, what: str) -> Termination:
         """One flight in which this happens soon after the take-off."""
         happening = asyncio.create_task(self._meanwhile(what))
         try:
@@ -153,7 +153,7 @@ def stand() -> Iterator[Stand]:
 
 
 async def test_the_gate_knows_what_is_to_be_expected_at_every_time(stand: Stand) -> None:
-    assert await stand.fly("complete") is Ending.COMPLETE
+    assert await stand.fly("complete") is Termination.COMPLETE
     assert stand.vehicle.told == [
         ("take off", Phase.CLIMBING),
         ("engage", Phase.CLIMBING),
@@ -166,7 +166,7 @@ async def test_the_gate_knows_what_is_to_be_expected_at_every_time(stand: Stand)
 
 
 async def test_when_the_gate_dies_nothing_more_is_tried(stand: Stand) -> None:
-    assert await stand.fly("gate dies") is Ending.GATE_LOST
+    assert await stand.fly("gate dies") is Termination.GATE_LOST
     assert "land" not in stand.told
     assert stand.phases.phase is FlightPhase.ENDED
 
@@ -180,7 +180,7 @@ async def test_when_the_gate_dies_during_the_take_off_it_is_over_at_once(hangs: 
 
 
 async def test_when_the_gate_holds_hands_are_off_and_it_is_named(stand: Stand) -> None:
-    assert await stand.fly("gate holds") is Ending.GATE
+    assert await stand.fly("gate holds") is Termination.GATE
     why, end = "gate took over hold: depth_stale", "gate took over"
     assert stand.events[-1] == (Event.ENDED_EARLY, {"why": why, "end": end, "then": "hands off"})
     assert "land" not in stand.told
@@ -199,7 +199,7 @@ async def test_a_landing_is_not_broken_off_by_the_gate(stand: Stand) -> None:
     """It would be told to land once more, by whoever has just stopped waiting for it."""
     stand.vehicle.hangs, stand.vehicle.patience_s = "land", 0.5
     stand.status = replace(STATUS, complete=True)
-    assert await stand.fly("gate holds") is Ending.COMPLETE
+    assert await stand.fly("gate holds") is Termination.COMPLETE
     assert stand.told == ["take off", "engage", "land", "leave"]
 
 

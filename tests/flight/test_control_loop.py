@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from companion.config.load import load_settings
-from companion.flight.control_loop import Pilot
+from companion.flight.control_loop import ControlLoop
 from companion.flight.phase import FlightPhase, PhaseMachine
-from companion.flight.rate import Pace
+from companion.flight.rate import Rate
 from companion.model import Beam, Measurement, Mode, Pose, RangeReading, Setpoint
 from companion.pipeline import Explorer, Tick
 from companion.pose_buffer import PoseBuffer
@@ -20,7 +20,7 @@ SETTINGS = load_settings(None, "flight")
 CAMERA = SETTINGS.sensors.camera.model()
 
 
-class Helm:
+class Vehicle:
     """Notes what it is asked to send."""
 
     def __init__(self) -> None:
@@ -35,14 +35,14 @@ class Helm:
 class Gate:
     """Notes the beats, and what had been sent by then."""
 
-    def __init__(self, helm: Helm) -> None:
+    def __init__(self, vehicle: Vehicle) -> None:
         self.beats: list[tuple[float, Pose | None, Measurement | None]] = []
         self.sent_before: list[int] = []
-        self._helm = helm
+        self._vehicle = vehicle
 
     def ticked(self, t_s: float, pose: Pose | None, measurement: Measurement | None) -> None:
         self.beats.append((t_s, pose, measurement))
-        self.sent_before.append(len(self._helm.sent))
+        self.sent_before.append(len(self._vehicle.sent))
 
 
 class Bench:
@@ -52,16 +52,16 @@ class Bench:
         self.clock = HandClock(100.0)
         self.sink = SensorSink(self.clock)
         self.poses = PoseBuffer()
-        self.helm = Helm()
-        self.gate = Gate(self.helm)
+        self.vehicle = Vehicle()
+        self.gate = Gate(self.vehicle)
         self.seen: list[Tick] = []
         self.flight = PhaseMachine()
-        self.pilot = Pilot(
+        self.control_loop = ControlLoop(
             Inputs(self.sink, self.poses),
             Explorer(SETTINGS, np.random.default_rng(1)),
-            Pace(self.clock, 0.05),
+            Rate(self.clock, 0.05),
             self.flight,
-            self.helm,
+            self.vehicle,
             (self.seen.append,),
             self.gate,
         )
@@ -79,15 +79,15 @@ class Bench:
             self.sink.depth(RawDepth(now_s - 0.01, np.full(shape, 4.0, np.float32), CAMERA))
         if down:
             self.sink.ranges([RangeReading(Beam.DOWN, now_s, h_m, 8.0)])
-        return self.pilot.tick(now_s)
+        return self.control_loop.tick(now_s)
 
 
 def test_it_looks_without_steering_until_it_explores() -> None:
     bench = Bench()
     tick = bench.tick()
     assert tick.setpoint is None
-    assert bench.helm.sent == []
-    assert bench.pilot.measured_height_m() == pytest.approx(1.5)
+    assert bench.vehicle.sent == []
+    assert bench.control_loop.measured_height_m() == pytest.approx(1.5)
     assert tick.mode is Mode.HOLD
 
 
@@ -97,9 +97,9 @@ def test_exploring_sends_one_setpoint_a_tick() -> None:
     bench.flight.phase = FlightPhase.EXPLORING
     for _ in range(4):
         assert bench.tick().sent
-    assert len(bench.helm.sent) == 4
-    assert [setpoint.t_s for setpoint in bench.helm.sent] == [tick.t_s for tick in bench.seen[1:]]
-    assert bench.helm.sent[-1].yaw_rate_radps != 0.0  # R1 turns
+    assert len(bench.vehicle.sent) == 4
+    assert [setpoint.t_s for setpoint in bench.vehicle.sent] == [tick.t_s for tick in bench.seen[1:]]
+    assert bench.vehicle.sent[-1].yaw_rate_radps != 0.0  # R1 turns
 
 
 def test_a_lost_pose_is_silence() -> None:
@@ -107,13 +107,13 @@ def test_a_lost_pose_is_silence() -> None:
     bench = Bench()
     bench.flight.phase = FlightPhase.EXPLORING
     bench.tick()
-    sent = len(bench.helm.sent)
+    sent = len(bench.vehicle.sent)
     for _ in range(8):
         tick = bench.tick(pose=False)
     assert tick.missing == ("pose",)
     assert tick.setpoint is None
     # A pose is good for 0.3 s: the first few ticks still had one.
-    assert len(bench.helm.sent) - sent <= 6
+    assert len(bench.vehicle.sent) - sent <= 6
     assert not bench.seen[-1].sent
 
 
@@ -130,9 +130,9 @@ def test_a_lost_sensor_is_a_stop(lost: dict[str, bool], name: str) -> None:
     assert tick.setpoint is not None
     assert (tick.setpoint.speed_mps, tick.setpoint.yaw_rate_radps) == (0.0, 0.0)
     assert tick.mode is Mode.HOLD
-    assert bench.clock.time_s - bench.pilot.fresh_s > 0.05
+    assert bench.clock.time_s - bench.control_loop.fresh_s > 0.05
     assert bench.tick().missing == ()
-    assert bench.pilot.fresh_s == bench.clock.time_s
+    assert bench.control_loop.fresh_s == bench.clock.time_s
 
 
 def test_before_the_first_pose_a_tick_says_what_is_missing() -> None:
@@ -140,14 +140,14 @@ def test_before_the_first_pose_a_tick_says_what_is_missing() -> None:
     bench.flight.phase = FlightPhase.EXPLORING
     tick = bench.tick(pose=False)
     assert (tick.missing, tick.observation, tick.sent) == (("pose",), None, False)
-    assert bench.pilot.measured_height_m() is None
+    assert bench.control_loop.measured_height_m() is None
 
 
 def test_a_helm_that_refuses_is_recorded() -> None:
     """The pilot has taken over: the record must not say that our setpoint went out."""
     bench = Bench()
     bench.flight.phase = FlightPhase.EXPLORING
-    bench.helm.refuses = True
+    bench.vehicle.refuses = True
     tick = bench.tick()
     assert tick.setpoint is not None
     assert not tick.sent
@@ -167,7 +167,7 @@ def test_the_gate_hears_of_a_tick_before_it_sees_the_setpoint() -> None:
     ticks = [bench.tick() for _ in range(3)]
     assert [t_s for t_s, _, _ in bench.gate.beats] == [tick.t_s for tick in ticks]
     assert [measurement for _, _, measurement in bench.gate.beats] == [tick.measurement for tick in ticks]
-    assert bench.gate.beats[-1][1] == bench.pilot.pose
+    assert bench.gate.beats[-1][1] == bench.control_loop.pose
     assert bench.gate.sent_before == [0, 1, 2]
 
 
@@ -177,7 +177,7 @@ def test_on_the_ground_and_without_a_pose_the_gate_hears_of_ticks_too() -> None:
     bench.tick()
     assert bench.gate.beats[0][1:] == (None, None)
     assert bench.gate.beats[1][1] is not None
-    assert bench.helm.sent == []
+    assert bench.vehicle.sent == []
 
 
 @pytest.mark.parametrize("fails", ["observe", "step"])
@@ -194,4 +194,4 @@ def test_a_tick_that_fails_is_none(fails: str, monkeypatch: pytest.MonkeyPatch) 
     with pytest.raises(ZeroDivisionError):
         bench.tick()
     assert len(bench.gate.beats) == 1
-    assert len(bench.helm.sent) == 1
+    assert len(bench.vehicle.sent) == 1

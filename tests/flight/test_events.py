@@ -11,10 +11,10 @@ from typing import cast
 import pytest
 
 import companion.flight
-from companion.autopilot.status_reporter import TEXT_BYTES, Announcer
+from companion.autopilot.status_reporter import TEXT_BYTES, StatusReporter
 from companion.flight.events import Event, EventEmitter, Texts
 from companion.flight.sinks import console, recording, status_text
-from companion.flight.termination import Ending
+from companion.flight.termination import Termination
 from companion.recording import Recorder
 from companion.recording.content import ENDED, ENGAGED
 from tests.autopilot.fake_link import FakeLink, HandClock
@@ -29,18 +29,18 @@ class Told:
     def __init__(self) -> None:
         self.clock = HandClock()
         self.link = FakeLink(self.clock)
-        self.announcer = Announcer(self.link, self.clock)
+        self.status_reporter = StatusReporter(self.link, self.clock)
         self.notes = Notes()
         self.lines: list[str] = []
         self.emit = EventEmitter(
-            console(self.lines.append), status_text(self.announcer), recording(cast("Recorder", self.notes))
+            console(self.lines.append), status_text(self.status_reporter), recording(cast("Recorder", self.notes))
         ).emit
 
     def on_the_link(self, name: str) -> list[dict[str, object]]:
         """The messages of this name, once all have had their turn."""
         for _ in range(20):
             self.clock.advance(1.0)
-            self.announcer.tick()
+            self.status_reporter.tick()
         return self.link.sent_named(name)
 
 
@@ -87,9 +87,9 @@ def test_a_text_for_the_pilot_is_not_cut(event: Event) -> None:
     assert len((event.value.status or "").encode("ascii")) <= TEXT_BYTES
 
 
-@pytest.mark.parametrize("why", Ending)
+@pytest.mark.parametrize("why", Termination)
 @pytest.mark.parametrize("then", ["landing", "holding", "hands off"])
-def test_the_end_and_what_follows_fit_into_one_text(why: Ending, then: str) -> None:
+def test_the_end_and_what_follows_fit_into_one_text(why: Termination, then: str) -> None:
     assert Event.ENDED_EARLY.value.status is not None
     assert len(Event.ENDED_EARLY.value.status.format(end=why.value, then=then)) <= TEXT_BYTES
 
@@ -99,7 +99,9 @@ def test_the_exploring_is_marked_in_the_recording() -> None:
     told = Told()
     told.emit(Event.TAKING_OFF)
     told.emit(Event.EXPLORING)
-    told.emit(Event.ENDED_EARLY, why="pilot or failsafe took over loiter", end=Ending.PILOT.value, then="hands off")
+    told.emit(
+        Event.ENDED_EARLY, why="pilot or failsafe took over loiter", end=Termination.PILOT.value, then="hands off"
+    )
     assert [name for name, _, _ in told.notes.events] == ["phase", ENGAGED, ENDED]
     assert told.lines[-1] == "exploring ended: pilot or failsafe took over loiter"
     texts = [fields["text"] for fields in told.on_the_link("STATUSTEXT")]

@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from companion.autopilot.status_reporter import Announcer
+from companion.autopilot.status_reporter import StatusReporter
 from companion.autopilot.telemetry import Telemetry
 from companion.config.settings import Settings
 from companion.flight.events import EventEmitter
@@ -75,16 +75,16 @@ class Stand:
         self.clock = HandClock(100.0)
         self.link = FakeLink(self.clock)
         self.telemetry = Telemetry(self.link, self.clock, Settings())
-        self.announcer = Announcer(self.link, self.clock)
+        self.status_reporter = StatusReporter(self.link, self.clock)
         self.notes = Notes()
         self.said: list[str] = []
         self.mapper = Mapper()
         self.flight = PhaseMachine()
         self.events = EventEmitter(
-            console(self.said.append), status_text(self.announcer), recording(cast("Recorder", self.notes))
+            console(self.said.append), status_text(self.status_reporter), recording(cast("Recorder", self.notes))
         )
         self.reporter = TickReporter(
-            self.events, self.announcer, self.telemetry, cast("MapWorker", self.mapper), self.flight
+            self.events, self.status_reporter, self.telemetry, cast("MapWorker", self.mapper), self.flight
         )
 
     def tick(self, *, missing: tuple[str, ...] = (), mode: Mode = Mode.BOUNDARY) -> None:
@@ -94,7 +94,7 @@ class Stand:
         told = replace(beside(1), t_s=now_s, missing=missing)
         setpoint = Setpoint(now_s, 0.5, 0.0, 0.1)
         self.reporter(Tick(now_s, Observation(now_s, POSE), told, setpoint, mode, True, 1.5, 0.001, stepped=True))
-        self.announcer.tick()
+        self.status_reporter.tick()
 
     def texts(self) -> list[str]:
         """What ground stations got to read."""

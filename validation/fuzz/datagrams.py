@@ -18,7 +18,7 @@ from companion.autopilot.telemetry import Telemetry
 from companion.clock import MonotonicClock
 from companion.config.autopilot import AutopilotSettings
 from companion.config.settings import Settings
-from companion.flight.operator_commands import Orders
+from companion.flight.operator_commands import OperatorCommands
 from companion.flight.phase import PhaseMachine
 from tests.autopilot.responder import Responder, free_port
 from validation.fuzz.hostile import spoiled_often
@@ -96,8 +96,8 @@ class Line:
         self.link, self.autopilot = link, autopilot
         self.clock = MonotonicClock()
         self.telemetry = Telemetry(link, self.clock, Settings())
-        self.orders = Orders(by_command=False, flight=PhaseMachine())
-        self.orders.listen(link)
+        self.operator = OperatorCommands(by_command=False, flight=PhaseMachine())
+        self.operator.listen(link)
         self.seen: list[Message] = []
         link.events("ATTITUDE", self._note)
 
@@ -116,7 +116,7 @@ class Line:
         await until(lambda: bool(self.seen) and abs(self.seen[-1].fields["yaw"] - self.autopilot.yaw_rad) < 1e-3)
         state = self.telemetry.state(self.clock.now_s())
         assert all(text.text.isprintable() for text in state.texts)
-        assert not self.orders.start.is_set()
+        assert not self.operator.start.is_set()
         self.telemetry.ask(self.clock.now_s())
 
 

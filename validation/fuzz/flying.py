@@ -16,16 +16,16 @@ import numpy as np
 from companion.autopilot import inbox
 from companion.autopilot.commands import Commands
 from companion.autopilot.link import _to_wire
-from companion.autopilot.status_reporter import Announcer
+from companion.autopilot.status_reporter import StatusReporter
 from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle import Vehicle
 from companion.config.sensors import CameraSettings, PlanarSettings, SensorSettings
 from companion.config.settings import Settings
-from companion.flight.control_loop import Pilot
+from companion.flight.control_loop import ControlLoop
 from companion.flight.events import EventEmitter
-from companion.flight.operator_commands import Orders
+from companion.flight.operator_commands import OperatorCommands
 from companion.flight.phase import FlightPhase, PhaseMachine
-from companion.flight.rate import Pace
+from companion.flight.rate import Rate
 from companion.flight.reporting import TickReporter
 from companion.flight.sinks import console, recording, status_text
 from companion.mapping.process.client import MapWorker
@@ -87,26 +87,26 @@ class Flying:
         self.telemetry = Telemetry(self.link, self.clock, SETTINGS)
         self.vehicle = Vehicle(self.link, self.telemetry, SETTINGS, self.clock)
         self.flight = PhaseMachine()
-        self.orders = Orders(by_command=True, flight=self.flight)
-        self.orders.listen(self.link)
+        self.operator = OperatorCommands(by_command=True, flight=self.flight)
+        self.operator.listen(self.link)
         self.commands = Commands(self.link.send, 1)
         self.link.events("COMMAND_ACK", self.commands.acknowledged)
-        self.announcer = Announcer(self.link, self.clock)
+        self.status_reporter = StatusReporter(self.link, self.clock)
         self.driver = MavlinkDriver(self.link, self.clock, {"DISTANCE_SENSOR": 20.0, "OBSTACLE_DISTANCE": 10.0})
         self.said: list[str] = []
         explorer = Explorer(SETTINGS, np.random.default_rng(1))
         recorder = cast("Recorder", SimpleNamespace(event=lambda _name, text, *_: text.encode()))
         reporter = TickReporter(
-            EventEmitter(console(self._say), status_text(self.announcer), recording(recorder)),
-            self.announcer,
+            EventEmitter(console(self._say), status_text(self.status_reporter), recording(recorder)),
+            self.status_reporter,
             self.telemetry,
             cast("MapWorker", SimpleNamespace(status=SimpleNamespace(completeness=0.5, frontiers=3, problem=""))),
             self.flight,
         )
-        self.pilot = Pilot(
+        self.control_loop = ControlLoop(
             Inputs(self.sink, self.telemetry.poses),
             explorer,
-            Pace(self.clock, SETTINGS.control.period_s),
+            Rate(self.clock, SETTINGS.control.period_s),
             self.flight,
             self.vehicle,
             (reporter,),
@@ -170,8 +170,8 @@ class Flying:
         before = len(self.link.sent)
         if self.count % 4 == 0:
             self.telemetry.ask(self.clock.now_s())
-        record = self.pilot.tick(self.clock.now_s())
-        self.announcer.tick()
+        record = self.control_loop.tick(self.clock.now_s())
+        self.status_reporter.tick()
         self.check_state()
         for name, fields in self.link.sent[before:]:
             if name == "SET_POSITION_TARGET_LOCAL_NED":

@@ -196,8 +196,8 @@ def _still_ours(bench: Flying) -> None:
     state = bench.telemetry.state(bench.clock.now_s())
     assert state.armed
     assert state.mode in ("offboard", "guided")
-    assert not bench.orders.start.is_set()
-    assert not bench.orders.stop.is_set()
+    assert not bench.operator.start.is_set()
+    assert not bench.operator.stop.is_set()
 
 
 def _is_true(bench: Flying, pose: Any) -> None:
@@ -240,6 +240,6 @@ async def _nothing_begins(rng: random.Random) -> None:
                 poison(rng, bench, heard)
             record = bench.tick()
             assert record.setpoint is None
-            assert not bench.orders.start.is_set()
-            assert not bench.orders.stop.is_set()
+            assert not bench.operator.start.is_set()
+            assert not bench.operator.stop.is_set()
         assert bench.link.commands == []

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from companion.errors import CompanionError
-from companion.flight.control_loop import Pilot
+from companion.flight.control_loop import ControlLoop
 from companion.flight.events import Event, EventEmitter
 from companion.flight.preflight import CheckResult, refusal, render, run_checks
-from companion.flight.rate import Pace
+from companion.flight.rate import Rate
 from companion.flight.request import FlightRequest
 from companion.flight.session import Session
 from companion.flight.tasks import background
@@ -39,15 +39,15 @@ async def passed(session: Session, request: FlightRequest, events: EventEmitter)
 async def checked(session: Session, request: FlightRequest, events: EventEmitter) -> list[CheckResult]:
     """Wait until the autopilot knows its position, listen for a while, and look at everything."""
     settings, clock = session.settings, session.clock
-    pilot = Pilot(
+    control_loop = ControlLoop(
         session.inputs,
         Explorer(settings, np.random.default_rng(0)),
-        Pace(clock, settings.control.period_s),
+        Rate(clock, settings.control.period_s),
         session.flight,
-        helm=None,
+        vehicle=None,
         gate=session.gate,
     )
-    async with background(pilot.run()):
+    async with background(control_loop.run()):
         await _until_position(session, events)
         await clock.sleep(SETTLE_S)
         return await run_checks(
@@ -57,7 +57,7 @@ async def checked(session: Session, request: FlightRequest, events: EventEmitter
             session.sink.statistics(clock.now_s()),
             fix=request.fix,
             skip=(*settings.mission.skip_checks, *request.skip),
-            height_m=pilot.measured_height_m(),
+            height_m=control_loop.measured_height_m(),
             clock=clock,
         )
 
@@ -67,9 +67,9 @@ async def _until_position(session: Session, events: EventEmitter) -> None:
     events.emit(Event.CONNECTED)
     clock, timeout_s = session.clock, session.settings.autopilot.ready_timeout_s
     began_s = clock.now_s()
-    told = False
+    announced = False
     while not session.telemetry.state(clock.now_s()).position_valid and clock.now_s() < began_s + timeout_s:
-        if not told and clock.now_s() > began_s + SETTLE_S:
-            told = True
+        if not announced and clock.now_s() > began_s + SETTLE_S:
+            announced = True
             events.emit(Event.NO_POSITION_YET, timeout_s=timeout_s)
         await clock.sleep(LOOK_PERIOD_S)

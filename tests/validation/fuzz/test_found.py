@@ -20,7 +20,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle import Vehicle
 from companion.errors import InputError
-from companion.flight.operator_commands import Orders
+from companion.flight.operator_commands import OperatorCommands
 from companion.flight.phase import PhaseMachine
 from companion.mavlink.ids import MavCmd
 from companion.model import Camera
@@ -107,12 +107,12 @@ def test_a_pose_of_long_ago_is_no_pose() -> None:
 )
 def test_a_command_that_cannot_be_read_starts_nothing(fields: dict[str, Any], caplog: pytest.LogCaptureFixture) -> None:
     link = FakeLink(HandClock())
-    orders = Orders(by_command=True, flight=PhaseMachine())
-    orders.listen(link)
+    operator = OperatorCommands(by_command=True, flight=PhaseMachine())
+    operator.listen(link)
     told = {"target_system": 1, "target_component": 191, "command": MavCmd.MISSION_START, "param1": 0.0}
     link.deliver("COMMAND_LONG", told | {"command": 193} | fields if "param1" in fields else told | fields, 255, 190)
-    assert not orders.start.is_set()
-    assert not orders.stop.is_set()
+    assert not operator.start.is_set()
+    assert not operator.stop.is_set()
     assert not caplog.records
 
 
