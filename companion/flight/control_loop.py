@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from typing import Protocol
 
+from companion.clock import Clock
 from companion.flight.phase import FlightPhase, PhaseMachine
-from companion.flight.rate import Rate
 from companion.model import Measurement, Mode, Pose, Setpoint
 from companion.pipeline import Explorer, Tick
 from companion.sensors.synchronizer import Inputs
@@ -31,7 +31,36 @@ class Gate(Protocol):
 
 
 Watcher = Callable[[Tick], None]
-"""Whoever wants to know of each tick: recording, announcements, the map. Takes no longer than a millisecond or two."""
+"""Whoever wants to know of each tick: recording, reporting, the map. Takes no longer than a millisecond or two."""
+
+
+class Rate:
+    """A fixed rate without catching up: gives one time a period. A tick that came too late is counted and not repeated.
+
+    Args:
+        clock: what time it is.
+        period_s: the sampling period.
+    """
+
+    def __init__(self, clock: Clock, period_s: float) -> None:
+        self.missed = 0
+        """Periods in which no tick could begin."""
+        self._clock = clock
+        self._period_s = period_s
+
+    async def ticks(self) -> AsyncIterator[float]:
+        """The time of each tick, for ever."""
+        next_s = self._clock.now_s()
+        while True:
+            now_s = self._clock.now_s()
+            late_s = now_s - next_s
+            if late_s >= self._period_s:
+                missed = int(late_s / self._period_s)
+                self.missed += missed
+                next_s += missed * self._period_s
+            yield now_s
+            next_s += self._period_s
+            await self._clock.sleep(max(0.0, next_s - self._clock.now_s()))
 
 
 class ControlLoop:
@@ -43,9 +72,9 @@ class ControlLoop:
     Args:
         inputs: where observations come from.
         explorer: what makes setpoints of them.
-        pace: when.
+        rate: when to tick.
         flight: knows the phase.
-        helm: where setpoints go.
+        vehicle: where setpoints go; None: nowhere, as in a pre-flight check.
         watchers: who is told of every tick.
         gate: who is told of every tick before its setpoint goes out; without it no setpoint passes.
     """

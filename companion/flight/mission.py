@@ -20,19 +20,17 @@ from companion.config.settings import Settings
 from companion.config.show import dump_yaml
 from companion.errors import InputError
 from companion.flight.airborne import Airborne
-from companion.flight.control_loop import ControlLoop
-from companion.flight.events import Event, EventEmitter
+from companion.flight.control_loop import ControlLoop, Rate
+from companion.flight.events import Event, EventEmitter, console, recording, status_text
 from companion.flight.gate_client import GateTalk
 from companion.flight.gate_socket import GateLink
 from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands
 from companion.flight.phase import PhaseEvent, PhaseMachine
 from companion.flight.preflight import CheckResult
 from companion.flight.preflight.run import checked, passed
-from companion.flight.rate import Rate
 from companion.flight.reporting import MapFeed, TickReporter
 from companion.flight.request import FlightRequest
 from companion.flight.session import Session, open_session
-from companion.flight.sinks import console, recording, status_text
 from companion.flight.tasks import background
 from companion.flight.termination import Termination
 from companion.flight.warm_up import warm_up

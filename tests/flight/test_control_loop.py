@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from companion.config.load import load_settings
-from companion.flight.control_loop import ControlLoop
+from companion.flight.control_loop import ControlLoop, Rate
 from companion.flight.phase import FlightPhase, PhaseMachine
-from companion.flight.rate import Rate
 from companion.model import Beam, Measurement, Mode, Pose, RangeReading, Setpoint
 from companion.pipeline import Explorer, Tick
 from companion.pose_buffer import PoseBuffer
@@ -143,7 +142,7 @@ def test_before_the_first_pose_a_tick_says_what_is_missing() -> None:
     assert bench.control_loop.measured_height_m() is None
 
 
-def test_a_helm_that_refuses_is_recorded() -> None:
+def test_a_vehicle_that_refuses_is_recorded() -> None:
     """The pilot has taken over: the record must not say that our setpoint went out."""
     bench = Bench()
     bench.flight.phase = FlightPhase.EXPLORING
@@ -195,3 +194,31 @@ def test_a_tick_that_fails_is_none(fails: str, monkeypatch: pytest.MonkeyPatch) 
         bench.tick()
     assert len(bench.gate.beats) == 1
     assert len(bench.vehicle.sent) == 1
+
+
+async def test_each_tick_is_a_period_after_the_last() -> None:
+    """The time that a tick takes does not add to the period."""
+    clock = HandClock(5.0)
+    times = await ticks(Rate(clock, 0.05), clock, [0.01, 0.02, 0.0])
+    assert times == pytest.approx([5.0, 5.05, 5.1, 5.15])
+
+
+async def test_missed_periods_are_counted_and_not_made_up_for() -> None:
+    """After a hang of 0.5 s one tick comes at once, and the next one a period later: no burst of old setpoints."""
+    clock = HandClock(0.0)
+    rate = Rate(clock, 0.05)
+    times = await ticks(rate, clock, [0.51, 0.0, 0.0])
+    assert times[1] == pytest.approx(0.51)
+    assert times[2] == pytest.approx(0.55)
+    assert rate.missed == 9
+
+
+async def ticks(rate: Rate, clock: HandClock, work_s: list[float]) -> list[float]:
+    """The times of ticks which take that long, and of the one after them."""
+    times: list[float] = []
+    async for now_s in rate.ticks():
+        times.append(now_s)
+        if len(times) > len(work_s):
+            break
+        clock.advance(work_s[len(times) - 1])
+    return times

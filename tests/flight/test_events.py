@@ -12,8 +12,7 @@ import pytest
 
 import companion.flight
 from companion.autopilot.status_reporter import TEXT_BYTES, StatusReporter
-from companion.flight.events import Event, EventEmitter, Texts
-from companion.flight.sinks import console, recording, status_text
+from companion.flight.events import Event, EventEmitter, Texts, console, recording, status_text
 from companion.flight.termination import Termination
 from companion.recording import Recorder
 from companion.recording.content import ENDED, ENGAGED

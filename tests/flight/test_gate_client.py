@@ -11,10 +11,9 @@ from typing import cast
 
 import pytest
 
-from companion.flight.events import EventEmitter
+from companion.flight.events import EventEmitter, console, recording
 from companion.flight.gate_client import KINDS_OF_NOTICES, OTHERS, GateLostError, GateTalk
 from companion.flight.phase import FlightPhase, PhaseMachine
-from companion.flight.sinks import console, recording
 from companion.gate.protocol import Phase
 from companion.model import Pose
 from companion.recording import Recorder

@@ -12,10 +12,9 @@ import pytest
 from companion.autopilot.status_reporter import StatusReporter
 from companion.autopilot.telemetry import Telemetry
 from companion.config.settings import Settings
-from companion.flight.events import EventEmitter
+from companion.flight.events import EventEmitter, console, recording, status_text
 from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.flight.reporting import MapFeed, TickReporter
-from companion.flight.sinks import console, recording, status_text
 from companion.mapping.process.client import MapWorker
 from companion.mapping.process.status import MapStatus
 from companion.model import DepthFrame, Mode, Observation, PlanarScan, Pose, Setpoint

@@ -21,13 +21,11 @@ from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle import Vehicle
 from companion.config.sensors import CameraSettings, PlanarSettings, SensorSettings
 from companion.config.settings import Settings
-from companion.flight.control_loop import ControlLoop
-from companion.flight.events import EventEmitter
+from companion.flight.control_loop import ControlLoop, Rate
+from companion.flight.events import EventEmitter, console, recording, status_text
 from companion.flight.operator_commands import OperatorCommands
 from companion.flight.phase import FlightPhase, PhaseMachine
-from companion.flight.rate import Rate
 from companion.flight.reporting import TickReporter
-from companion.flight.sinks import console, recording, status_text
 from companion.mapping.process.client import MapWorker
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavCmd

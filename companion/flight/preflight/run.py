@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from companion.errors import CompanionError
-from companion.flight.control_loop import ControlLoop
+from companion.flight.control_loop import ControlLoop, Rate
 from companion.flight.events import Event, EventEmitter
 from companion.flight.preflight import CheckResult, refusal, render, run_checks
-from companion.flight.rate import Rate
 from companion.flight.request import FlightRequest
 from companion.flight.session import Session
 from companion.flight.tasks import background
