@@ -54,13 +54,11 @@ class Vehicle:
         self._start_z_m: float | None = None
 
     @property
-    def pilot_took_over(self) -> bool:
-        """Whether somebody else has the vehicle: a pilot or a failsafe of the autopilot. Once True, always True."""
-        return self._modes.taken_over is not None
+    def taken_over(self) -> str | None:
+        """The mode in which a pilot or a failsafe of the autopilot has the vehicle, or ``disarmed``; None: it is ours.
 
-    @property
-    def foreign_mode(self) -> str | None:
-        """The mode that somebody else chose, or ``disarmed``; None while the vehicle is ours."""
+        Set once, for good.
+        """
         return self._modes.taken_over
 
     @property

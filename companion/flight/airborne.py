@@ -88,7 +88,7 @@ class Airborne:
         return why
 
     def _tell_end(self, why: Termination) -> None:
-        detail = (self._gate.took_over if why is Termination.GATE else self._vehicle.foreign_mode) or ""
+        detail = (self._gate.took_over if why is Termination.GATE else self._vehicle.taken_over) or ""
         then = {"land": "landing", "hold": "holding"}[self._settings.mission.end_action]
         self._events.emit(
             Event.ENDED if why.as_it_should else Event.ENDED_EARLY,
@@ -107,7 +107,7 @@ class Airborne:
                 battery_s = now_s
             conditions = Conditions(
                 vehicle=state,
-                pilot_took_over=self._vehicle.pilot_took_over,
+                taken_over=self._vehicle.taken_over is not None,
                 gate_took_over=self._gate.took_over is not None,
                 gate_lost=self._gate.lost.is_set(),
                 stop_asked=self._operator.stop.is_set(),
@@ -142,4 +142,4 @@ class Airborne:
         ours = personality(self._session.link.kind)
         leaves = [mode_name(ours.kind, mode) for mode in (ours.hold, ours.land)]
         state = self._session.telemetry.state(self._session.clock.now_s())
-        return not state.armed or self._vehicle.pilot_took_over or state.mode in leaves
+        return not state.armed or self._vehicle.taken_over is not None or state.mode in leaves

@@ -45,7 +45,7 @@ class TickReporter:
 
     Args:
         events: where it is told.
-        announcer: numbers for ground stations to plot.
+        status_reporter: numbers for ground stations to plot.
         telemetry: the autopilot's own words, which the operator and the recording get too.
         mapper: how complete the map is.
         flight: knows the phase.

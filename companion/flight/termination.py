@@ -54,7 +54,7 @@ class Conditions:
 
     Attributes:
         vehicle: the autopilot's last word.
-        pilot_took_over: whether the mode is no longer ours.
+        taken_over: whether a person or a failsafe of the autopilot has the vehicle, so that its mode is not ours.
         gate_took_over: whether the gate says that it holds or lands, so that such a mode is its doing.
         gate_lost: whether the gate is gone.
         stop_asked: whether a person asked for the end.
@@ -66,7 +66,7 @@ class Conditions:
     """
 
     vehicle: VehicleState
-    pilot_took_over: bool
+    taken_over: bool
     gate_took_over: bool
     gate_lost: bool
     stop_asked: bool
@@ -83,10 +83,10 @@ def termination(now: Conditions, settings: Settings) -> Termination | None:
     battery = vehicle.battery_percent
     reasons = (
         (Termination.GATE_LOST, now.gate_lost),
-        (Termination.GATE, now.gate_took_over and now.pilot_took_over),
+        (Termination.GATE, now.gate_took_over and now.taken_over),
         (Termination.LINK, vehicle.heartbeat_age_s > settings.safety.stale.heartbeat_s),
         (Termination.DISARMED, not vehicle.armed),
-        (Termination.PILOT, now.pilot_took_over),
+        (Termination.PILOT, now.taken_over),
         (Termination.BATTERY, battery is not None and battery < mission.battery_low_percent),
         (Termination.BATTERY, now.battery_silent_s > BATTERY_SILENT_S),
         (Termination.INPUTS, now.blind_s > mission.input_timeout_s),

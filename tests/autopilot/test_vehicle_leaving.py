@@ -80,7 +80,7 @@ async def test_a_take_off_that_is_broken_off_lands() -> None:
             await one.clock.sleep(0.05)
         task.cancel()
     assert one.autopilot.mode == scripted.PX4_LAND
-    assert not one.vehicle.pilot_took_over
+    assert not one.vehicle.taken_over
 
 
 async def test_where_hold_is_refused_it_lands() -> None:

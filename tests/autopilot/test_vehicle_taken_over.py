@@ -24,7 +24,7 @@ async def test_a_pilot_who_takes_over_is_obeyed_and_nothing_is_taken_back(mode: 
         asked = len(one.link.commands)
         sent = len(one.setpoints)
         assert not any(await one.cruise(3.0))
-        assert vehicle.pilot_took_over
+        assert vehicle.taken_over
         assert "somebody else has the vehicle" in str(vehicle.silent_because)
         for refused in (vehicle.engage(), vehicle.hold(), vehicle.land()):
             with pytest.raises(TakenOver):
@@ -63,8 +63,7 @@ async def test_a_hang_of_ours_is_a_failsafe_of_px4_and_not_ours_to_undo() -> Non
         await one.clock.sleep(0.75)
         assert one.autopilot.mode == scripted.PX4_HOLD
         assert not any(await one.cruise(4.0))
-        assert vehicle.pilot_took_over
-        assert vehicle.foreign_mode == "hold"
+        assert vehicle.taken_over == "hold"
         assert one.autopilot.mode == scripted.PX4_HOLD
 
 
@@ -78,7 +77,7 @@ async def test_after_a_silence_ardupilot_is_asked_first_and_then_flown_on() -> N
         went = await one.cruise(3.0)
         assert not went[0]
         assert went[-1]
-        assert not vehicle.pilot_took_over
+        assert not vehicle.taken_over
 
 
 async def test_a_link_that_drops_out_is_not_flown_on_when_it_comes_back() -> None:
@@ -91,7 +90,7 @@ async def test_a_link_that_drops_out_is_not_flown_on_when_it_comes_back() -> Non
         await one.cruise(10.0)
         one.autopilot.deaf, one.autopilot.heartbeats = False, True
         assert not any(await one.cruise(3.0))
-        assert vehicle.foreign_mode == "hold"
+        assert vehicle.taken_over == "hold"
 
 
 async def test_malformed_heartbeats_change_nothing() -> None:
@@ -104,4 +103,4 @@ async def test_malformed_heartbeats_change_nothing() -> None:
         one.link.deliver("HEARTBEAT", {"custom_mode": 0, "base_mode": 0}, system_id=2)
         one.link.deliver("HEARTBEAT", {"custom_mode": 0, "base_mode": 0}, component_id=191)
         assert all(await one.cruise(1.0))
-        assert not vehicle.pilot_took_over
+        assert not vehicle.taken_over

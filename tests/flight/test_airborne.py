@@ -32,15 +32,11 @@ class Vehicle:
         self.told: list[tuple[str, Phase]] = []
         self.hangs = ""
         self.patience_s = 60.0
-        self.foreign_mode: str | None = None
+        self.taken_over: str | None = None
         self.mode, self.armed = "hold", True
         self.leaves_in = "land"
         self._gate = gate
         self._clock = clock
-
-    @property
-    def pilot_took_over(self) -> bool:
-        return self.foreign_mode is not None
 
     async def _do(self, what: str) -> None:
         self.told.append((what, self._gate.phase))
@@ -129,7 +125,7 @@ class Stand:
         elif what == "gate holds":
             self.gate.say("hold: depth_stale")
             await self.clock.sleep(0.1)
-            self.vehicle.foreign_mode = "hold"
+            self.vehicle.taken_over = "hold"
         elif what == "tick fails":
             self.control_loop.fails = True
 

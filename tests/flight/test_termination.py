@@ -30,7 +30,7 @@ def conditions(vehicle: dict[str, Any] | None = None, **changes: Any) -> Conditi
     state = replace(state, **(vehicle or {}))
     well = Conditions(
         state,
-        pilot_took_over=False,
+        taken_over=False,
         gate_took_over=False,
         gate_lost=False,
         stop_asked=False,
@@ -53,8 +53,8 @@ def test_a_flight_on_which_all_is_well_goes_on() -> None:
         (conditions({"heartbeat_age_s": 3.1}), Termination.LINK),
         (conditions({"armed": False}), Termination.DISARMED),
         (conditions(gate_lost=True), Termination.GATE_LOST),
-        (conditions(pilot_took_over=True, gate_took_over=True), Termination.GATE),
-        (conditions(pilot_took_over=True), Termination.PILOT),
+        (conditions(taken_over=True, gate_took_over=True), Termination.GATE),
+        (conditions(taken_over=True), Termination.PILOT),
         (conditions({"battery_percent": 24.0}), Termination.BATTERY),
         (conditions({"battery_percent": None}, battery_silent_s=30.5), Termination.BATTERY),
         (conditions(blind_s=10.5), Termination.INPUTS),
@@ -76,21 +76,21 @@ def test_a_battery_that_says_nothing_is_not_an_empty_one() -> None:
 
 def test_what_takes_the_vehicle_away_comes_before_what_was_reached() -> None:
     """A pilot who takes over at the moment of completion must not see the vehicle land under his hands."""
-    assert termination(conditions(pilot_took_over=True, complete=True, stop_asked=True), SETTINGS) is Termination.PILOT
+    assert termination(conditions(taken_over=True, complete=True, stop_asked=True), SETTINGS) is Termination.PILOT
     assert termination(conditions({"heartbeat_age_s": 9.0, "armed": False}), SETTINGS) is Termination.LINK
 
 
 def test_what_the_gate_did_is_not_blamed_on_a_pilot() -> None:
     """The mode that it takes shows up to a second after its word; who landed by it is disarmed as well."""
     assert termination(conditions(gate_took_over=True), SETTINGS) is None, "not before the mode shows"
-    landed = conditions({"armed": False}, pilot_took_over=True, gate_took_over=True)
+    landed = conditions({"armed": False}, taken_over=True, gate_took_over=True)
     assert termination(landed, SETTINGS) is Termination.GATE
 
 
 def test_without_the_gate_nothing_else_that_is_said_of_the_vehicle_counts() -> None:
     """All of it came through the gate."""
     assert (
-        termination(conditions({"heartbeat_age_s": 9.0}, gate_lost=True, pilot_took_over=True), SETTINGS)
+        termination(conditions({"heartbeat_age_s": 9.0}, gate_lost=True, taken_over=True), SETTINGS)
         is Termination.GATE_LOST
     )
 

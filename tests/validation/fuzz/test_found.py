@@ -59,9 +59,9 @@ def test_a_mode_that_is_no_number_is_no_takeover() -> None:
     link.deliver("HEARTBEAT", ARMED)
     link.deliver("HEARTBEAT", ARMED | {"custom_mode": True})
     link.deliver("HEARTBEAT", ARMED | {"base_mode": False})
-    assert not vehicle.pilot_took_over
+    assert not vehicle.taken_over
     link.deliver("HEARTBEAT", ARMED | {"custom_mode": 5})
-    assert vehicle.pilot_took_over
+    assert vehicle.taken_over
 
 
 @pytest.mark.parametrize("text", ["\x1b[2Jcleared", "\ud800 half a letter", "two\r\nlines", "a" * 70_000])
