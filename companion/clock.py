@@ -6,6 +6,7 @@ clocks say (the autopilot's time since boot, a camera's time) is moved over by a
 
 from __future__ import annotations
 
+import asyncio
 import math
 import time
 from collections import deque
@@ -31,10 +32,14 @@ LARGEST_S = 1e12
 
 
 class Clock(Protocol):
-    """Where time comes from; tests hand in one that they set."""
+    """Where time comes from, and who waits for it; tests hand in one on which no real time passes."""
 
     def now_s(self) -> float:
         """Seconds since some fixed moment; never goes back."""
+        ...
+
+    async def sleep(self, time_s: float) -> None:
+        """Return when ``time_s`` has passed on this clock; others run meanwhile, also when it is 0 or less."""
         ...
 
 
@@ -44,6 +49,10 @@ class MonotonicClock:
     def now_s(self) -> float:
         """Seconds of `time.monotonic`."""
         return time.monotonic()
+
+    async def sleep(self, time_s: float) -> None:
+        """Real time passes."""
+        await asyncio.sleep(time_s)
 
 
 class _RoundTrips:

@@ -8,7 +8,7 @@ import numpy as np
 
 from companion.config.settings import Settings
 from companion.control.navigator import Navigator
-from companion.model import Measurement, Observation, Setpoint
+from companion.model import Input, Measurement, Mode, Observation, Setpoint
 from companion.perception import Extractor
 
 
@@ -18,6 +18,50 @@ class Steering:
 
     measurement: Measurement
     setpoint: Setpoint
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """One sampling period, for whoever watches: the recording, the map, pilot and operator.
+
+    Arrays in it must not be written to any more: they are encoded later, in another thread.
+
+    Attributes:
+        t_s: when it began.
+        observation: exactly what the extractor was given; None while no pose is known.
+        measurement: what it made of that; None without an observation.
+        setpoint: what the navigator wants; None: nothing is to be sent, which is silence on the wire.
+        mode: the navigator's mode after the tick; hold while it does not steer.
+        sent: whether the setpoint went out to the autopilot.
+        height_m: H, the height above ground that the navigator was to keep.
+        duration_s: from the start of the tick until it was done.
+        stepped: whether the navigator was asked, which changes what it remembers, even where its answer was not used.
+    """
+
+    t_s: float
+    observation: Observation | None
+    measurement: Measurement | None
+    setpoint: Setpoint | None
+    mode: Mode
+    sent: bool
+    height_m: float
+    duration_s: float
+    stepped: bool
+
+    @property
+    def missing(self) -> tuple[Input, ...]:
+        """The inputs that were absent or stale."""
+        return (Input.POSE,) if self.measurement is None else self.measurement.missing
+
+    def known(self) -> tuple[Observation, Measurement]:
+        """What the tick saw, and what it made of that.
+
+        Raises:
+            ValueError: it had no pose.
+        """
+        if self.observation is None or self.measurement is None:
+            raise ValueError(f"the tick at {self.t_s} s had no pose")
+        return self.observation, self.measurement
 
 
 class Explorer:

@@ -52,7 +52,8 @@ from bench.table import Row, parser, show, write
 from bench.usage import Usage
 from companion.config.load import load_settings
 from companion.errors import CompanionError
-from companion.flight.launch import module, sealed
+from companion.flight.launch import application, module
+from companion.flight.request import FlightRequest, sealed
 from companion.recording.flight_stats import figures
 from companion.safety_case.gate_plan import to_plan
 from sitl.launch.processes import Crew, FlightPlan, environment, free_udp_ports
@@ -177,11 +178,10 @@ def flight(which: str, number: int, arguments: Namespace, folder: Path) -> Row:
 def _application(crew: Crew, which: str, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
     """The gate as `companion run` starts it, whose child is the application with one map or another."""
     settings = load_settings(crew.config)
-    settings_fd = sealed("settings", settings.model_dump_json())
-    words = ("run", "--settings-fd", str(settings_fd), "--preset", "flight", "--seed", str(crew.plan.seed), "--fix")
-    child = (*module("bench.map.load_child"), *words)
+    request_fd = FlightRequest("run", settings, "flight", crew.plan.seed, fix=True).sealed()
+    child = application(request_fd, "bench.map.load_child")
     plan = dataclasses.replace(
-        to_plan(settings, command=child, restart_command=child, inherit=(settings_fd,)), restarts=0
+        to_plan(settings, command=child, restart_command=child, inherit=(request_fd,)), restarts=0
     )
     plan_fd = sealed("plan", plan.dumps())
     with (folder / "gate.log").open("wb") as log:
@@ -191,10 +191,10 @@ def _application(crew: Crew, which: str, folder: Path) -> Iterator[subprocess.Po
             stdout=log,
             stderr=subprocess.STDOUT,
             env={**environment(), MAP: which, OFFERS: str(folder / "offers.json")},
-            pass_fds=(settings_fd, plan_fd),
+            pass_fds=(request_fd, plan_fd),
             start_new_session=True,
         )
-    for number in (settings_fd, plan_fd):
+    for number in (request_fd, plan_fd):
         os.close(number)
     try:
         yield gate

@@ -16,8 +16,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from companion.flight import __main__ as flight_process
-from companion.flight import mission as app
+from companion.flight import __main__ as application
+from companion.flight import mission
 from companion.flight.tasks import background
 from companion.mapping.process.client import MapClient
 from companion.mapping.process.messages import MapStatus
@@ -149,8 +149,8 @@ MAPS = {"off": NoMap, "busy": BusyMap, "camera": OfferedMap, "full": FullMap}
 
 def fly() -> int:
     """Be the application, with the map that the environment names."""
-    setattr(app, "MapClient", MAPS[os.environ[MAP]])  # noqa: B010 - a plain assignment is none that types allow
-    return flight_process.main(sys.argv[1:])
+    setattr(mission, "MapClient", MAPS[os.environ[MAP]])  # noqa: B010 - a plain assignment is none that types allow
+    return application.main(sys.argv[1:])
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Who hears which message. Filled by the thread that receives, read by the event loop."""
+"""Delivery of messages to those who asked for their names. Filled by the receiving thread, read by the event loop."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class _Events:
             try:
                 self._handler(message)
             except Exception:
-                # One malformed message, or a fault in one listener, must not deafen the others.
+                # One malformed message, or a fault in one listener, must not keep it from the others.
                 _logger.exception("handler of %s failed on %s", message.name, message.fields)
 
 

@@ -1,10 +1,11 @@
-"""Which messages the autopilot has to send how often, and asking again when it does not."""
+"""Rates of the autopilot's messages: asked for, and asked for again when they do not come."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 from companion.autopilot.interface import Link
+from companion.config.autopilot import AutopilotSettings
 from companion.mavlink.estimator import ESTIMATOR
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavCmd, MavComponent
@@ -28,11 +29,11 @@ ESTIMATOR_HZ = 5.0
 """Often enough to stop before a lost velocity estimate has carried the vehicle far: 0.1 m at 0.5 m/s."""
 
 
-def wanted_hz(kind: AutopilotKind, attitude_hz: float, position_hz: float) -> dict[str, float]:
+def wanted_hz(kind: AutopilotKind, settings: AutopilotSettings) -> dict[str, float]:
     """Message name -> rate for everything that telemetry reads."""
     return {
-        "ATTITUDE": attitude_hz,
-        "LOCAL_POSITION_NED": position_hz,
+        "ATTITUDE": settings.attitude_hz,
+        "LOCAL_POSITION_NED": settings.position_hz,
         "SYS_STATUS": 1.0,
         "BATTERY_STATUS": 1.0,
         "EXTENDED_SYS_STATE": 2.0,
@@ -40,7 +41,7 @@ def wanted_hz(kind: AutopilotKind, attitude_hz: float, position_hz: float) -> di
     }
 
 
-class Rates:
+class MessageRates:
     """Asks by SET_MESSAGE_INTERVAL, without waiting for answers: the measured rate is the answer."""
 
     def __init__(self, link: Link, wanted: Mapping[str, float]) -> None:

@@ -1,14 +1,11 @@
-"""Asks the autopilot for things, sees whether they happen, and has its own words for it when they do not."""
+"""Modes, arming and take-off: asked for, confirmed by heartbeats, refused in the autopilot's own words."""
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import math
-from collections.abc import Callable, Coroutine
-from typing import Any
 
-from companion.autopilot.interface import Link, Message
+from companion.autopilot.interface import Link, LinkError, Message
 from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle_state import integer
 from companion.clock import Clock
@@ -27,7 +24,6 @@ ARM_PATIENCE_S = 10.0
 ARM_PERIOD_S = 2.0
 
 _log = logging.getLogger(__name__)
-Sleep = Callable[[float], Coroutine[Any, Any, None]]
 
 
 class FlightError(CompanionError):
@@ -38,68 +34,77 @@ class TakenOver(FlightError):  # noqa: N818  what happened is no fault
     """Somebody else has the vehicle: a pilot, a ground station, or a failsafe of the autopilot."""
 
 
-class Commander:
-    """Modes and commands, each confirmed.
+class ModeControl:
+    """Modes, arming and take-off, each confirmed; and the one judgement of whose the vehicle is.
 
     Args:
         link: to the autopilot.
         telemetry: knows what it says.
         clock: what time it is.
         timeout_s: how long to wait for the acknowledgement of a command.
-        sleep: waits for a time in s; tests hand in one that moves their clock.
 
     Attributes:
-        watch: whose the vehicle is.
         asked_to_arm: whether this flight is ours to end.
     """
 
-    def __init__(
-        self, link: Link, telemetry: Telemetry, clock: Clock, timeout_s: float, sleep: Sleep = asyncio.sleep
-    ) -> None:
-        self.link = link
-        self.clock = clock
-        self.sleep = sleep
-        self.personality = personality(link.kind)
-        self.watch = ModeMonitor(link.kind)
+    def __init__(self, link: Link, telemetry: Telemetry, clock: Clock, timeout_s: float) -> None:
         self.asked_to_arm = False
+        self._link = link
         self._telemetry = telemetry
+        self._clock = clock
         self._timeout_s = timeout_s
+        self._personality = personality(link.kind)
+        self._monitor = ModeMonitor(link.kind)
         self._armed_s = math.inf
         self._heartbeats = link.watch("HEARTBEAT")
         link.events("HEARTBEAT", self._on_heartbeat)
 
     @property
+    def taken_over(self) -> str | None:
+        """The mode that somebody else chose, or ``disarmed``; None while the vehicle is ours. Set once, for good."""
+        return self._judged().taken_over
+
+    @property
+    def heartbeat_s(self) -> float:
+        """When the newest heartbeat came; -inf before the first."""
+        return self._judged().heartbeat_s
+
+    @property
+    def armed(self) -> bool:
+        """Whether the newest heartbeat says so."""
+        return self._judged().armed
+
+    @property
     def maybe_armed(self) -> bool:
         """Whether the vehicle is armed, or we have armed it and no heartbeat can have said otherwise yet."""
-        return self.watch.maybe_armed(self._armed_s)
+        return self._judged().maybe_armed(self._armed_s)
 
-    def look(self) -> None:
-        """Judge the newest heartbeat now: after a hang of the event loop it is here before its event is."""
-        if self._heartbeats.newest is not None:
-            self._on_heartbeat(self._heartbeats.newest)
+    @property
+    def needs_stream(self) -> bool:
+        """Whether the autopilot follows setpoints only once they have been coming for a while."""
+        return self._personality.streams_before_mode
 
     def check_ours(self) -> None:
         """Raise TakenOver when somebody else has the vehicle."""
-        self.look()
-        if self.watch.taken_over is not None:
+        if self.taken_over is not None:
             raise TakenOver(
-                f"somebody else has the vehicle (mode {self.watch.taken_over}): the application keeps its hands off"
+                f"somebody else has the vehicle (mode {self.taken_over}): the application keeps its hands off"
             )
 
-    async def command(self, command: int, *parameters: float, timeout_s: float | None = None) -> int:
-        """The MAV_RESULT of a command.
+    def lands(self, or_holds: bool = False) -> bool:
+        """Whether the autopilot shows that it lands, or if wanted that it holds, because we asked for that."""
+        monitor = self._judged()
+        ends = {self._personality.land, self._personality.hold} if or_holds else {self._personality.land}
+        return monitor.confirmed and monitor.ours <= ends
 
-        Raises:
-            LinkError: no answer.
-        """
-        return await self.link.command(command, *parameters, timeout_s=timeout_s or self._timeout_s)
+    async def offboard(self) -> None:
+        """Have the autopilot follow setpoints: offboard on PX4, guided on ArduPilot. Raises as `hold`."""
+        await self._enter(self._personality.offboard)
 
-    async def mode(self, mode: int, may_disarm: bool = False, timeout_s: float | None = None) -> None:
-        """Ask for a mode and wait until a heartbeat shows it.
+    async def hold(self, timeout_s: float | None = None) -> None:
+        """Stop and stay: hold on PX4, brake on ArduPilot. Returns when a heartbeat shows it.
 
         Args:
-            mode: as ``custom_mode``.
-            may_disarm: whether the vehicle disarms in it by itself.
             timeout_s: for the acknowledgement, in s; by default as configured.
 
         Raises:
@@ -107,34 +112,29 @@ class Commander:
             TakenOver: another mode showed instead.
             LinkError: no answer.
         """
-        self.check_ours()
-        name = mode_name(self.link.kind, mode)
-        asked_s = self.clock.now_s()
-        request = self.watch.ask(frozenset({mode}), may_disarm, self.personality.passing_to(mode))
-        happened = False
-        try:
-            result = await self.command(
-                MavCmd.DO_SET_MODE, *self.personality.set_mode_parameters(mode), timeout_s=timeout_s
-            )
-            if result not in (MavResult.ACCEPTED, MavResult.IN_PROGRESS):
-                raise self.failure(f"the autopilot refused the mode {name} ({result_name(result)})", asked_s)
-            await self._seen(name, asked_s)
-            happened = True
-        finally:
-            if not happened:
-                self.watch.refused(request)
+        await self._enter(self._personality.hold, timeout_s=timeout_s)
 
-    async def _seen(self, name: str, asked_s: float) -> None:
-        accepted_s = self.clock.now_s()
-        while True:
-            self.check_ours()
-            if self.watch.confirmed:
-                return
-            waited_s = self.clock.now_s() - accepted_s
-            told = self.watch.heartbeat_s > accepted_s + HEARTBEAT_LATE_S
-            if (waited_s > MODE_GRACE_S and told) or waited_s > MODE_LIMIT_S:
-                raise self.failure(f"the autopilot accepted the mode {name} but does not show it", asked_s)
-            await self.sleep(POLL_S)
+    async def land(self, timeout_s: float | None = None) -> None:
+        """Begin to land where it is; the vehicle may then disarm by itself. Arguments and errors as of `hold`."""
+        await self._enter(self._personality.land, may_disarm=True, timeout_s=timeout_s)
+
+    async def take_off(self, *parameters: float) -> None:
+        """Begin the autopilot's own take-off.
+
+        Args:
+            parameters: of MAV_CMD_NAV_TAKEOFF.
+
+        Raises:
+            FlightError: refused.
+            TakenOver: somebody else has the vehicle.
+            LinkError: no answer.
+        """
+        self.check_ours()
+        asked_s = self._clock.now_s()
+        self._monitor.ask(self._personality.taking_off)
+        result = await self._command(MavCmd.NAV_TAKEOFF, *parameters)
+        if result != MavResult.ACCEPTED:
+            raise self.failure(f"the autopilot refuses to take off ({result_name(result)})", asked_s)
 
     async def arm(self) -> None:
         """Arm; a refusal is tried again for a while, since many of its reasons pass.
@@ -144,29 +144,76 @@ class Commander:
             TakenOver: somebody else changed the mode.
             LinkError: no answer.
         """
-        began_s = self.clock.now_s()
+        began_s = self._clock.now_s()
         while True:
             self.check_ours()
             # Accepted or not: once it was asked for, the vehicle may be armed.
             self.asked_to_arm = True
-            self._armed_s = self.clock.now_s()
-            result = await self.command(MavCmd.COMPONENT_ARM_DISARM, 1.0)
-            self._armed_s = self.clock.now_s() if result == MavResult.ACCEPTED else math.inf
+            self._armed_s = self._clock.now_s()
+            result = await self._command(MavCmd.COMPONENT_ARM_DISARM, 1.0)
+            self._armed_s = self._clock.now_s() if result == MavResult.ACCEPTED else math.inf
             if result == MavResult.ACCEPTED:
                 return
-            if self.clock.now_s() - began_s >= ARM_PATIENCE_S:
+            if self._clock.now_s() - began_s >= ARM_PATIENCE_S:
                 raise self.failure(f"the autopilot refuses to arm ({result_name(result)})", began_s)
-            await self.sleep(ARM_PERIOD_S)
+            await self._clock.sleep(ARM_PERIOD_S)
+
+    async def disarm(self, timeout_s: float) -> bool:
+        """Whether it disarmed, which in the air it refuses. An answer that does not come within the time is no."""
+        try:
+            result = await self._command(MavCmd.COMPONENT_ARM_DISARM, 0.0, timeout_s=timeout_s)
+        except LinkError:
+            return False
+        return result == MavResult.ACCEPTED
 
     def failure(self, what: str, since_s: float) -> FlightError:
         """An error with everything that the autopilot has said since then."""
         said = dict.fromkeys(text.text.strip("\0 ") for text in self._telemetry.texts if text.received_s >= since_s)
         return FlightError(f"{what}. The autopilot said: {'; '.join(said) or 'nothing'}")
 
+    async def _command(self, command: int, *parameters: float, timeout_s: float | None = None) -> int:
+        return await self._link.command(command, *parameters, timeout_s=timeout_s or self._timeout_s)
+
+    async def _enter(self, mode: int, may_disarm: bool = False, timeout_s: float | None = None) -> None:
+        self.check_ours()
+        name = mode_name(self._link.kind, mode)
+        asked_s = self._clock.now_s()
+        request = self._monitor.ask(frozenset({mode}), may_disarm, self._personality.passing_to(mode))
+        happened = False
+        try:
+            result = await self._command(
+                MavCmd.DO_SET_MODE, *self._personality.set_mode_parameters(mode), timeout_s=timeout_s
+            )
+            if result not in (MavResult.ACCEPTED, MavResult.IN_PROGRESS):
+                raise self.failure(f"the autopilot refused the mode {name} ({result_name(result)})", asked_s)
+            await self._shown(name, asked_s)
+            happened = True
+        finally:
+            if not happened:
+                self._monitor.refused(request)
+
+    async def _shown(self, name: str, asked_s: float) -> None:
+        accepted_s = self._clock.now_s()
+        while True:
+            self.check_ours()
+            if self._monitor.confirmed:
+                return
+            waited_s = self._clock.now_s() - accepted_s
+            shown = self._monitor.heartbeat_s > accepted_s + HEARTBEAT_LATE_S
+            if (waited_s > MODE_GRACE_S and shown) or waited_s > MODE_LIMIT_S:
+                raise self.failure(f"the autopilot accepted the mode {name} but does not show it", asked_s)
+            await self._clock.sleep(POLL_S)
+
+    def _judged(self) -> ModeMonitor:
+        """With the newest heartbeat judged: after a hang of the event loop it is here before its event is."""
+        if self._heartbeats.newest is not None:
+            self._on_heartbeat(self._heartbeats.newest)
+        return self._monitor
+
     def _on_heartbeat(self, message: Message) -> None:
         mode, flags = integer(message, "custom_mode"), integer(message, "base_mode")
         if mode is not None and flags is not None:
-            before = self.watch.taken_over
-            self.watch.heartbeat(mode, bool(flags & MavModeFlag.SAFETY_ARMED), message.received_s)
-            if before is None and self.watch.taken_over is not None:
-                _log.warning("somebody else has the vehicle: mode %s", self.watch.taken_over)
+            before = self._monitor.taken_over
+            self._monitor.heartbeat(mode, bool(flags & MavModeFlag.SAFETY_ARMED), message.received_s)
+            if before is None and self._monitor.taken_over is not None:
+                _log.warning("somebody else has the vehicle: mode %s", self._monitor.taken_over)

@@ -8,16 +8,15 @@ import math
 from collections.abc import Coroutine
 from typing import Any, TypeVar
 
-from companion.autopilot.interface import LinkError
-from companion.autopilot.mode_control import POLL_S, Commander
+from companion.autopilot.interface import Link, LinkError
+from companion.autopilot.mode_control import POLL_S, ModeControl
+from companion.clock import Clock
 from companion.frames import setpoint_to_frd
 from companion.mavlink.ids import VELOCITY_AND_YAW_RATE, MavComponent, MavFrame
 from companion.model import Setpoint
 
 FAILSAFE_SHOWS_S = 0.3
 """A failsafe acts up to 0.12 s after its time limit; only a heartbeat from after that can tell."""
-HEARTBEAT_LOST_S = 3.0
-"""Three heartbeats of the autopilot missed: it no longer hears us either, as far as we know."""
 STREAM_BEFORE_S = 0.6
 """PX4 takes the mode only when setpoints have been coming for a while."""
 
@@ -25,26 +24,32 @@ _log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 
-class Helm:
+class OffboardControl:
     """Sends setpoints while the vehicle is ours and follows them.
 
     Args:
-        commander: knows whose the vehicle is.
+        link: to the autopilot.
+        clock: what time it is.
+        modes: knows whose the vehicle is.
         silence_s: the autopilot reacts when setpoints stop for this long.
+        heartbeat_s: an autopilot that has not been heard for this long no longer hears us either, as far as we know.
     """
 
-    def __init__(self, commander: Commander, silence_s: float) -> None:
+    def __init__(self, link: Link, clock: Clock, modes: ModeControl, silence_s: float, heartbeat_s: float) -> None:
         self.silent_because: str | None = "not engaged"
         """Why nothing was sent when that was last asked for; None when it was."""
-        self._commander = commander
+        self._link = link
+        self._clock = clock
+        self._modes = modes
         self._silence_s = silence_s
+        self._heartbeat_limit_s = heartbeat_s
         self._engaged = False
         self._last_sent_s = -math.inf
 
     @property
     def engaged(self) -> bool:
         """Whether the autopilot follows our setpoints, as far as is known."""
-        return self._engaged and self._commander.watch.taken_over is None
+        return self._engaged and self._modes.taken_over is None
 
     async def engage(self) -> None:
         """Take the mode in which the autopilot follows setpoints, streaming zero on PX4 until it has it.
@@ -54,16 +59,14 @@ class Helm:
             TakenOver: somebody else has the vehicle.
             LinkError: the autopilot does not answer.
         """
-        commander = self._commander
-        offboard = commander.personality.offboard
-        if commander.personality.streams_before_mode:
-            await self.while_still(commander.sleep(STREAM_BEFORE_S))
-            await self.while_still(commander.mode(offboard))
+        if self._modes.needs_stream:
+            await self.while_still(self._clock.sleep(STREAM_BEFORE_S))
+            await self.while_still(self._modes.offboard())
         else:
-            await commander.mode(offboard)
+            await self._modes.offboard()
         self._engaged = True
         # Our own silence counts from here.
-        self._last_sent_s = commander.clock.now_s()
+        self._last_sent_s = self._clock.now_s()
 
     def release(self) -> None:
         """From here on `send` sends nothing."""
@@ -74,9 +77,9 @@ class Helm:
         task = asyncio.create_task(work)
         try:
             while not task.done():
-                self._commander.check_ours()
-                self._transmit(Setpoint(self._commander.clock.now_s(), 0.0, 0.0, 0.0))
-                await self._commander.sleep(POLL_S)
+                self._modes.check_ours()
+                self._transmit(Setpoint(self._clock.now_s(), 0.0, 0.0, 0.0))
+                await self._clock.sleep(POLL_S)
             return task.result()
         finally:
             task.cancel()
@@ -96,17 +99,15 @@ class Helm:
         return why is None
 
     def _why_not(self, setpoint: Setpoint) -> str | None:
-        commander = self._commander
-        commander.look()
-        if commander.watch.taken_over is not None:
-            return f"somebody else has the vehicle (mode {commander.watch.taken_over})"
+        if self._modes.taken_over is not None:
+            return f"somebody else has the vehicle (mode {self._modes.taken_over})"
         if not self._engaged:
             return "not engaged"
         if not all(map(math.isfinite, (setpoint.t_s, setpoint.speed_mps, setpoint.climb_mps, setpoint.yaw_rate_radps))):
             return "the setpoint is not finite"
-        now_s, heartbeat_s = commander.clock.now_s(), commander.watch.heartbeat_s
-        if now_s - heartbeat_s > HEARTBEAT_LOST_S:
-            return f"no heartbeat of the autopilot for {HEARTBEAT_LOST_S:g} s"
+        now_s, heartbeat_s = self._clock.now_s(), self._modes.heartbeat_s
+        if now_s - heartbeat_s > self._heartbeat_limit_s:
+            return f"no heartbeat of the autopilot for {self._heartbeat_limit_s:g} s"
         failsafe_s = self._last_sent_s + self._silence_s
         # PX4 returns to offboard on the first setpoint: after a silence that may have let its failsafe act, nothing is
         # sent before a heartbeat has told whether it did.
@@ -115,15 +116,14 @@ class Helm:
         return None
 
     def _transmit(self, setpoint: Setpoint) -> None:
-        link = self._commander.link
         velocity = setpoint_to_frd(setpoint)
         fields = dict.fromkeys(("x", "y", "z", "afx", "afy", "afz", "yaw"), 0.0)
         fields |= {"vx": velocity.vx_mps, "vy": velocity.vy_mps, "vz": velocity.vz_mps}
-        link.send(
+        self._link.send(
             "SET_POSITION_TARGET_LOCAL_NED",
             {
                 "time_boot_ms": int(setpoint.t_s * 1000.0) & 0xFFFFFFFF,
-                "target_system": link.system_id,
+                "target_system": self._link.system_id,
                 "target_component": MavComponent.AUTOPILOT1,
                 "coordinate_frame": MavFrame.BODY_NED,
                 "type_mask": VELOCITY_AND_YAW_RATE,
@@ -131,4 +131,4 @@ class Helm:
                 "yaw_rate": velocity.yaw_rate_radps,
             },
         )
-        self._last_sent_s = self._commander.clock.now_s()
+        self._last_sent_s = self._clock.now_s()

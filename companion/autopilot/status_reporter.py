@@ -1,13 +1,10 @@
-"""What we tell everybody on the link: our heartbeat and true state, texts for the pilot, and a few numbers to plot."""
+"""Our own words on the link: heartbeat with the true state, texts for the pilot, and a few numbers to plot."""
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import math
 from collections import deque
-from collections.abc import Callable, Coroutine
-from typing import Any
 
 from companion.autopilot.interface import Link, LinkError
 from companion.clock import Clock
@@ -25,7 +22,7 @@ NAME_BYTES = 10
 MAVLINK_VERSION = 3
 
 
-class Announcer:
+class StatusReporter:
     """Sends HEARTBEAT once a second, STATUSTEXT at most once a second, and NAMED_VALUE_FLOAT twice a second.
 
     A link that is gone is no concern of it: what could not be sent is forgotten.
@@ -33,17 +30,13 @@ class Announcer:
     Args:
         link: to the autopilot, which passes on what ground stations should see.
         clock: what time it is.
-        sleep: waits for a time in s; tests hand in one that moves their clock.
     """
 
-    def __init__(
-        self, link: Link, clock: Clock, sleep: Callable[[float], Coroutine[Any, Any, None]] = asyncio.sleep
-    ) -> None:
+    def __init__(self, link: Link, clock: Clock) -> None:
         self.dropped = 0
         """Texts that were overtaken by newer ones before their turn came."""
         self._link = link
         self._clock = clock
-        self._sleep = sleep
         self._state = MavState.STANDBY
         self._armed = False
         self._values: dict[str, float] = {}
@@ -91,10 +84,13 @@ class Announcer:
             self._values[name] = value
 
     async def run(self) -> None:
-        """Announce until cancelled."""
-        while True:
+        """Report until cancelled; what was said last, perhaps why nothing flies, still goes out."""
+        try:
+            while True:
+                self.tick()
+                await self._clock.sleep(TICK_S)
+        finally:
             self.tick()
-            await self._sleep(TICK_S)
 
     def tick(self) -> None:
         """Send what is due."""

@@ -12,14 +12,14 @@ import math
 from collections.abc import Callable
 
 from companion.autopilot.interface import Link
-from companion.autopilot.mode_control import POLL_S, Commander, FlightError
-from companion.autopilot.offboard import Helm
+from companion.autopilot.mode_control import POLL_S, FlightError, ModeControl
+from companion.autopilot.offboard import OffboardControl
+from companion.clock import Clock
 from companion.config.control import ControlSettings
+from companion.control import laws
 from companion.control.ramp import Ramp
 from companion.mavlink.firmware import AutopilotKind
-from companion.mavlink.ids import MavCmd, MavResult
 from companion.mavlink.mode_monitor import DISARMED
-from companion.mavlink.modes import result_name
 from companion.model import Setpoint
 
 NEAR_M = 0.2
@@ -66,9 +66,11 @@ class TakeOff:
     """One take-off.
 
     Args:
-        commander: modes and commands.
-        helm: setpoints.
-        law: gain and limit of the climb by our own setpoints.
+        link: to the autopilot.
+        clock: what time it is.
+        modes: modes, arming and the autopilot's own take-off.
+        offboard: setpoints.
+        law: of the navigation; the climb by our own setpoints is the height law (6).
         gps: whether the autopilot knows its position by GPS.
         measured_m: the measured height above ground, None while it is not known.
         risen_m: how far the autopilot's own estimate has risen since it was armed, None when it is not known.
@@ -76,15 +78,19 @@ class TakeOff:
 
     def __init__(
         self,
-        commander: Commander,
-        helm: Helm,
+        link: Link,
+        clock: Clock,
+        modes: ModeControl,
+        offboard: OffboardControl,
         law: ControlSettings,
         gps: bool,
         measured_m: Height,
         risen_m: Height,
     ) -> None:
-        self._commander = commander
-        self._helm = helm
+        self._link = link
+        self._clock = clock
+        self._modes = modes
+        self._offboard = offboard
         self._law = law
         self._ramp = Ramp(law.max_accel_mps2, POLL_S)
         self._gps = gps
@@ -103,58 +109,47 @@ class TakeOff:
             TakenOver: somebody else changed the mode.
             LinkError: the autopilot does not answer.
         """
-        commander = self._commander
-        began_s = commander.clock.now_s()
-        if commander.watch.armed:
+        modes, began_s = self._modes, self._clock.now_s()
+        if modes.armed:
             raise FlightError("cannot take off: the vehicle is armed already, and not by this application")
         if not self._gps:
-            send_origin(commander.link, began_s)
-        if commander.link.kind is AutopilotKind.ARDUPILOT:
-            await commander.mode(commander.personality.offboard)
-            await commander.arm()
-            await self._command((0.0,) * 6 + (height_m,))
+            send_origin(self._link, began_s)
+        if self._link.kind is AutopilotKind.ARDUPILOT:
+            await modes.offboard()
+            await modes.arm()
+            await modes.take_off(*(0.0,) * 6, height_m)
         elif self._gps:
-            await commander.mode(commander.personality.hold)
+            await modes.hold()
             await self._set_height(height_m)
-            await commander.arm()
+            await modes.arm()
             # Not finite: here, as high as its parameter says.
-            await self._command((0.0, 0.0, 0.0) + (math.nan,) * 4)
+            await modes.take_off(0.0, 0.0, 0.0, *(math.nan,) * 4)
         else:
-            await self._helm.engage()
-            await self._helm.while_still(commander.arm())
+            await self._offboard.engage()
+            await self._offboard.while_still(modes.arm())
         await self._climb(height_m, began_s, timeout_s)
 
     async def _set_height(self, height_m: float) -> None:
-        link = self._commander.link
+        link = self._link
         found = await link.get_param(TAKE_OFF_HEIGHT)
         if found is None:
             _log.warning("the autopilot has no %s: it takes off to a height of its own", TAKE_OFF_HEIGHT)
         elif not math.isclose(found, height_m, abs_tol=0.01):
             await link.set_param(TAKE_OFF_HEIGHT, height_m)
 
-    async def _command(self, parameters: tuple[float, ...]) -> None:
-        commander = self._commander
-        commander.check_ours()
-        asked_s = commander.clock.now_s()
-        commander.watch.ask(commander.personality.taking_off)
-        result = await commander.command(MavCmd.NAV_TAKEOFF, *parameters)
-        if result != MavResult.ACCEPTED:
-            raise commander.failure(f"the autopilot refuses to take off ({result_name(result)})", asked_s)
-
     async def _climb(self, height_m: float, began_s: float, timeout_s: float) -> None:
-        commander, clock = self._commander, self._commander.clock
+        modes, clock = self._modes, self._clock
         ground_m = self._measured_m() or 0.0
         highest_m, highest_s = -math.inf, clock.now_s()
         near_s: float | None = None
         while True:
             now_s, now_m = clock.now_s(), self._measured_m()
-            commander.look()
-            if commander.watch.taken_over == DISARMED:
-                raise commander.failure("the autopilot disarmed before the height was reached", began_s)
-            commander.check_ours()
+            if modes.taken_over == DISARMED:
+                raise modes.failure("the autopilot disarmed before the height was reached", began_s)
+            modes.check_ours()
             if now_s - began_s > timeout_s:
                 shown = "not measured" if now_m is None else f"{now_m:.2f} m"
-                raise commander.failure(
+                raise modes.failure(
                     f"{height_m:g} m above ground not reached within {timeout_s:g} s: the height is {shown}",
                     began_s,
                 )
@@ -166,12 +161,12 @@ class TakeOff:
                 near_s = now_s
             elif now_s - near_s >= SETTLED_S:
                 return
-            if self._helm.engaged:
-                self._helm.send(self._ramp.limit(Setpoint(now_s, 0.0, self._climb_mps(height_m, now_m), 0.0)))
+            if self._offboard.engaged:
+                self._offboard.send(self._ramp.limit(Setpoint(now_s, 0.0, self._climb_mps(height_m, now_m), 0.0)))
             elif near_s is None and highest_m > ground_m + LIFTED_M and now_s - highest_s > STALLED_S:
                 _log.info("the autopilot's take-off ended at %.2f m: climbing on by setpoints", highest_m)
-                await self._helm.engage()
-            await commander.sleep(POLL_S)
+                await self._offboard.engage()
+            await clock.sleep(POLL_S)
 
     def _climb_mps(self, height_m: float, now_m: float | None) -> float:
         """The height law (6) of the paper; nothing when the height is not known, except near the ground."""
@@ -179,5 +174,4 @@ class TakeOff:
             now_m = self._risen_m()
             if now_m is None or now_m > BLIND_RISE_M:
                 return 0.0
-        limit_mps = self._law.max_climb_mps
-        return min(max(self._law.height_gain_per_s * (height_m - now_m), -limit_mps), limit_mps)
+        return laws.climb_mps(height_m, now_m, None, 0.0, self._law)

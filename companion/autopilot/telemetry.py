@@ -1,20 +1,21 @@
-"""What the autopilot measures and says: poses by its own clock, and the state of the vehicle."""
+"""Telemetry of the autopilot: poses by its own clock, and the state of the vehicle."""
 
 from __future__ import annotations
 
-import asyncio
 import math
 from collections import deque
 
 from companion.autopilot import vehicle_state
 from companion.autopilot.interface import Link, Message, Stream
-from companion.autopilot.message_rates import Rates, wanted_hz
+from companion.autopilot.message_rates import MessageRates, wanted_hz
 from companion.autopilot.vehicle_state import StatusText, VehicleState, integer, number
 from companion.clock import Clock, ClockAlignment
+from companion.config.settings import Settings
 from companion.frames import NedPose, pose_from_ned
 from companion.mavlink.estimator import ESTIMATOR
 from companion.mavlink.ids import MavCmd, MavComponent, MavModeFlag
 from companion.mavlink.modes import mode_name
+from companion.mavlink.position_jump import Motion, position_jump_m
 from companion.mavlink.text import printable
 from companion.model import ABSURD, Pose
 from companion.pose_buffer import PoseBuffer
@@ -35,8 +36,6 @@ STALE_S = 3.0
 BATTERY_STALE_S = 10.0
 OLDEST_S = 2.0
 """A pose that says to have been measured longer ago than `PoseBuffer` remembers is one sent again, or garbage."""
-LEAP_M = 0.5
-"""A position that is this far from where the last one and its velocity lead was set anew by the estimator."""
 AUTOPILOT_VERSION_ID = 148
 NANOSECONDS = 1e-9
 
@@ -50,8 +49,7 @@ class Telemetry:
     Args:
         link: to the autopilot.
         clock: ours.
-        attitude_hz: rate asked for.
-        position_hz: rate asked for.
+        settings: the rates to ask for, and how far a position may be from where the last one leads.
 
     Attributes:
         poses: of the last seconds, in ENU/FLU.
@@ -60,15 +58,16 @@ class Telemetry:
         malformed: messages without the numbers that they should have, or with absurd ones.
     """
 
-    def __init__(self, link: Link, clock: Clock, attitude_hz: float = 50.0, position_hz: float = 50.0) -> None:
+    def __init__(self, link: Link, clock: Clock, settings: Settings) -> None:
         self.poses = PoseBuffer()
         self.restarts = 0
         self.leaps = 0
         self.malformed = 0
         self._link = link
         self._clock = clock
+        self._jump_m = settings.safety.pose.jump_m
         self._alignment = ClockAlignment()
-        self._rates = Rates(link, wanted_hz(link.kind, attitude_hz, position_hz))
+        self._rates = MessageRates(link, wanted_hz(link.kind, settings.autopilot))
         self._questions: deque[tuple[int, float]] = deque(maxlen=QUESTIONS)  # ts1, when
         self._begun_s: float | None = None
         self._asked_time_s = -math.inf
@@ -83,17 +82,17 @@ class Telemetry:
         self._battery = link.watch("BATTERY_STATUS")
         self._landed = link.watch("EXTENDED_SYS_STATE")
         self._estimator = link.watch(ESTIMATOR[link.kind])
-        link.events("HEARTBEAT", self._heartbeat_came)
-        link.events("ATTITUDE", self._attitude_came)
-        link.events("LOCAL_POSITION_NED", self._position_came)
-        link.events("TIMESYNC", self._time_came)
-        link.events("STATUSTEXT", self._text_came)
+        link.events("HEARTBEAT", self._on_heartbeat)
+        link.events("ATTITUDE", self._on_attitude)
+        link.events("LOCAL_POSITION_NED", self._on_position)
+        link.events("TIMESYNC", self._on_timesync)
+        link.events("STATUSTEXT", self._on_text)
 
     async def run(self) -> None:
         """Keep asking, until cancelled."""
         while True:
             self.ask(self._clock.now_s())
-            await asyncio.sleep(PERIOD_S)
+            await self._clock.sleep(PERIOD_S)
 
     def ask(self, now_s: float) -> None:
         """Ask for whatever is due at ``now_s``: rates, the time, the version."""
@@ -150,7 +149,7 @@ class Telemetry:
     def _newest_heartbeat(self) -> Message | None:
         """The newest that can be read, even when its event is still on the way."""
         if self._heartbeats.newest is not None:
-            self._heartbeat_came(self._heartbeats.newest)
+            self._on_heartbeat(self._heartbeats.newest)
         return self._heartbeat
 
     def _battery_percent(self, now_s: float) -> float | None:
@@ -169,7 +168,7 @@ class Telemetry:
         self._questions.append((question, sent_s))
         self._link.send("TIMESYNC", {"tc1": 0, "ts1": question})
 
-    def _time_came(self, message: Message) -> None:
+    def _on_timesync(self, message: Message) -> None:
         answer, question = integer(message, "tc1"), integer(message, "ts1")
         if not answer or answer < 0:
             return  # a question of the autopilot's own
@@ -199,7 +198,7 @@ class Telemetry:
         self._rates.restart()
         self._begun_s = now_s
 
-    def _attitude_came(self, message: Message) -> None:
+    def _on_attitude(self, message: Message) -> None:
         pose = self._pose(
             message,
             roll_rad=number(message, "roll"),
@@ -210,7 +209,7 @@ class Telemetry:
         if pose is not None:
             self.poses.add_attitude(pose.t_s, pose.roll_rad, pose.pitch_rad, pose.yaw_rad, pose.yaw_rate_radps)
 
-    def _position_came(self, message: Message) -> None:
+    def _on_position(self, message: Message) -> None:
         pose = self._pose(
             message,
             north_m=number(message, "x"),
@@ -222,12 +221,16 @@ class Telemetry:
         )
         if pose is None:
             return
-        if self._position is not None and _leapt(self._position, pose):
+        if self._position is not None and self._jumped(self._position, pose):
             self.leaps += 1
             self.poses.clear()
         if self._position is None or pose.t_s > self._position.t_s:
             self._position = pose
         self.poses.add_position(pose.t_s, pose.x_m, pose.y_m, pose.z_m, pose.vx_mps, pose.vy_mps, pose.vz_mps)
+
+    def _jumped(self, before: Pose, after: Pose) -> bool:
+        """Whether the estimator has set the position anew."""
+        return position_jump_m(_motion(before), _motion(after), after.t_s - before.t_s) > self._jump_m
 
     def _pose(self, message: Message, **ned: float) -> Pose | None:
         """The numbers of one message, in our frames; what it does not say is zero."""
@@ -237,12 +240,12 @@ class Telemetry:
             return None
         return pose_from_ned(NedPose(**(dict.fromkeys(NedPose.__slots__, 0.0) | ned | {"t_s": t_s})))
 
-    def _heartbeat_came(self, message: Message) -> None:
+    def _on_heartbeat(self, message: Message) -> None:
         # One that cannot be read says neither that the vehicle disarmed, nor that the autopilot lives.
         if integer(message, "custom_mode") is not None and integer(message, "base_mode") is not None:
             self._heartbeat = message
 
-    def _text_came(self, message: Message) -> None:
+    def _on_text(self, message: Message) -> None:
         text, severity = message.fields.get("text"), integer(message, "severity")
         if not isinstance(text, str) or severity is None:
             self.malformed += 1
@@ -260,16 +263,5 @@ def _fresh(stream: Stream, now_s: float, longest_s: float) -> Message | None:
     return stream.newest if stream.age_s(now_s) <= longest_s else None
 
 
-def _leapt(before: Pose, after: Pose) -> bool:
-    """Whether a position cannot have come from the one before by flying."""
-    dt_s = after.t_s - before.t_s
-    if not 0.0 < dt_s < 1.0:
-        return False
-    return (
-        math.hypot(
-            after.x_m - before.x_m - 0.5 * (before.vx_mps + after.vx_mps) * dt_s,
-            after.y_m - before.y_m - 0.5 * (before.vy_mps + after.vy_mps) * dt_s,
-            after.z_m - before.z_m - 0.5 * (before.vz_mps + after.vz_mps) * dt_s,
-        )
-        > LEAP_M
-    )
+def _motion(pose: Pose) -> Motion:
+    return pose.x_m, pose.y_m, pose.z_m, pose.vx_mps, pose.vy_mps, pose.vz_mps

@@ -12,15 +12,14 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
-from companion.autopilot.interface import Link, LinkError
-from companion.autopilot.mode_control import POLL_S, Commander, FlightError, Sleep, TakenOver
-from companion.autopilot.offboard import Helm
+from companion.autopilot.interface import Link
+from companion.autopilot.mode_control import POLL_S, FlightError, ModeControl, TakenOver
+from companion.autopilot.offboard import OffboardControl
 from companion.autopilot.take_off import TakeOff
 from companion.autopilot.telemetry import Telemetry
 from companion.clock import Clock
 from companion.config.settings import Settings
 from companion.errors import CompanionError
-from companion.mavlink.ids import MavCmd, MavResult
 from companion.model import Setpoint
 
 LAND_S = 60.0
@@ -41,43 +40,36 @@ class Vehicle:
         telemetry: what the autopilot says of itself.
         settings: the whole configuration.
         clock: what time it is.
-        sleep: waits for a time in s; tests hand in one that moves their clock.
     """
 
-    def __init__(
-        self,
-        link: Link,
-        telemetry: Telemetry,
-        settings: Settings,
-        clock: Clock,
-        sleep: Sleep = asyncio.sleep,
-    ) -> None:
+    def __init__(self, link: Link, telemetry: Telemetry, settings: Settings, clock: Clock) -> None:
         self._telemetry = telemetry
         self._settings = settings
         self._clock = clock
-        self._commander = Commander(link, telemetry, clock, settings.autopilot.command_timeout_s, sleep)
-        self._helm = Helm(self._commander, settings.autopilot.silence_s)
+        self._link = link
+        self._modes = ModeControl(link, telemetry, clock, settings.autopilot.command_timeout_s)
+        self._offboard = OffboardControl(
+            link, clock, self._modes, settings.autopilot.silence_s, settings.safety.stale.heartbeat_s
+        )
         self._start_z_m: float | None = None
 
     @property
-    def pilot_took_over(self) -> bool:
-        """Whether somebody else has the vehicle: a pilot or a failsafe of the autopilot. Once True, always True."""
-        return self._commander.watch.taken_over is not None
+    def taken_over(self) -> str | None:
+        """The mode in which a pilot or a failsafe of the autopilot has the vehicle, or ``disarmed``; None: it is ours.
 
-    @property
-    def foreign_mode(self) -> str | None:
-        """The mode that somebody else chose, or ``disarmed``; None while the vehicle is ours."""
-        return self._commander.watch.taken_over
+        Set once, for good.
+        """
+        return self._modes.taken_over
 
     @property
     def engaged(self) -> bool:
         """Whether the autopilot follows our setpoints, as far as is known."""
-        return self._helm.engaged
+        return self._offboard.engaged
 
     @property
     def silent_because(self) -> str | None:
         """Why `send` sent nothing when it was last called; None when it did."""
-        return self._helm.silent_because
+        return self._offboard.silent_because
 
     async def take_off(self, height_m: float, measured_height_m: Callable[[], float | None]) -> None:
         """Arm, take off, and return when the measured height has been within 0.2 m of ``height_m`` for 1 s.
@@ -96,8 +88,10 @@ class Vehicle:
         pose = self._telemetry.poses.newest()
         self._start_z_m = None if pose is None else pose.z_m
         take_off = TakeOff(
-            self._commander,
-            self._helm,
+            self._link,
+            self._clock,
+            self._modes,
+            self._offboard,
             self._settings.control,
             self._settings.autopilot.gps,
             measured_height_m,
@@ -115,23 +109,23 @@ class Vehicle:
             TakenOver: somebody else has the vehicle.
             LinkError: the autopilot does not answer.
         """
-        self._commander.check_ours()
-        if not self._commander.maybe_armed:
+        self._modes.check_ours()
+        if not self._modes.maybe_armed:
             raise FlightError("cannot engage: the vehicle is not armed, it has to take off first")
-        if not self._helm.engaged:
-            await self._helm.engage()
+        if not self._offboard.engaged:
+            await self._offboard.engage()
 
     def send(self, setpoint: Setpoint) -> bool:
         """Send one setpoint to the autopilot, now and once.
 
         Nothing is sent when the vehicle is not engaged, when somebody else has it, when the setpoint is not finite,
-        when the autopilot has not been heard for 3 s, and when setpoints had stopped for longer than
-        ``autopilot.silence_s`` and no heartbeat has told yet what the autopilot made of it.
+        when the autopilot has not been heard for ``safety.stale.heartbeat_s``, and when setpoints had stopped for
+        longer than ``autopilot.silence_s`` and no heartbeat has told yet what the autopilot made of it.
 
         Returns:
             Whether it went out; `silent_because` says why it did not.
         """
-        return self._helm.send(setpoint)
+        return self._offboard.send(setpoint)
 
     async def hold(self) -> None:
         """Stop and stay: hold on PX4, brake on ArduPilot.
@@ -141,8 +135,8 @@ class Vehicle:
             TakenOver: somebody else has the vehicle.
             LinkError: the autopilot does not answer.
         """
-        self._helm.release()
-        await self._commander.mode(self._commander.personality.hold)
+        self._offboard.release()
+        await self._modes.hold()
 
     async def land(self, timeout_s: float = LAND_S) -> bool:
         """Land where it is.
@@ -155,24 +149,23 @@ class Vehicle:
             TakenOver: somebody else has the vehicle.
             LinkError: the autopilot does not answer.
         """
-        self._helm.release()
+        self._offboard.release()
         give_up_s = self._clock.now_s() + timeout_s
-        await self._commander.mode(self._commander.personality.land, may_disarm=True)
-        while self._commander.maybe_armed:
-            self._commander.check_ours()
+        await self._modes.land()
+        while self._modes.maybe_armed:
+            self._modes.check_ours()
             if self._clock.now_s() > give_up_s:
                 return False
-            await self._commander.sleep(POLL_S)
+            await self._clock.sleep(POLL_S)
         return True
 
     async def __aenter__(self) -> Self:
-        self._commander.look()
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self._helm.release()
+        self._offboard.release()
         leaving = asyncio.create_task(self._leave())
         cancelled: asyncio.CancelledError | None = None
         while not leaving.done():
@@ -200,38 +193,23 @@ class Vehicle:
             )
 
     async def _end(self) -> None:
-        commander, ours = self._commander, self._commander.personality
-        if not (commander.asked_to_arm and commander.maybe_armed):
+        modes, holds = self._modes, self._settings.mission.end_action == "hold"
+        if not (modes.asked_to_arm and modes.maybe_armed):
             return
-        commander.check_ours()
-        if self._telemetry.state(self._clock.now_s()).landed and await self._disarmed():
+        modes.check_ours()
+        # In the air the autopilot refuses to disarm, which is why it may be asked at all.
+        if self._telemetry.state(self._clock.now_s()).landed and await modes.disarm(LEAVE_COMMAND_S):
             return
-        end, other = ours.hold, ours.land
-        if self._settings.mission.end_action == "land":
-            end, other = other, end
-        if commander.watch.confirmed and commander.watch.ours <= {end, ours.land}:
+        if modes.lands(or_holds=holds):
             return
+        end, other = (modes.hold, modes.land) if holds else (modes.land, modes.hold)
         try:
-            await self._leave_in(end)
+            await end(LEAVE_COMMAND_S)
         except TakenOver:
             raise
         except CompanionError as refusal:
             _log.warning("%s", refusal)
-            await self._leave_in(other)
-
-    async def _leave_in(self, mode: int) -> None:
-        may_disarm = mode == self._commander.personality.land
-        await self._commander.mode(mode, may_disarm, LEAVE_COMMAND_S)
-
-    async def _disarmed(self) -> bool:
-        """Disarm on the ground. In the air the autopilot refuses, which is why this may be asked at all."""
-        try:
-            return (
-                await self._commander.command(MavCmd.COMPONENT_ARM_DISARM, 0.0, timeout_s=LEAVE_COMMAND_S)
-                == MavResult.ACCEPTED
-            )
-        except LinkError:
-            return False
+            await other(LEAVE_COMMAND_S)
 
     def _risen_m(self) -> float | None:
         pose = self._telemetry.poses.newest()

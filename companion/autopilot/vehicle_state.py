@@ -1,4 +1,4 @@
-"""What the autopilot says of itself, and how its messages are read. Pure."""
+"""State of the vehicle as its autopilot reports it, and how its messages are read. Pure."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class StatusText:
 
 @dataclass(frozen=True, slots=True)
 class VehicleState:
-    """The vehicle at one moment, as far as it has said. What is unknown or too old is None, or False where a bool.
+    """The vehicle at one moment, as far as it has reported. What is unknown or too old is None, or False where a bool.
 
     Attributes:
         armed: by the newest heartbeat, up to 1 s late.

@@ -7,16 +7,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
 from pathlib import Path
 from typing import Annotated, Literal, NoReturn
 
 import typer
 
-Config = Annotated[Path | None, typer.Option("--config", metavar="FILE", help="YAML file that describes the vehicle.")]
-Preset = Annotated[
-    str | None, typer.Option("--preset", metavar="NAME", help="Preset below the file; overrides the file's choice.")
-]
+from companion.cli.options import AsJson, Config, Preset
+
 Fix = Annotated[bool, typer.Option("--fix", help="Set the autopilot's parameters that a check finds wrong.")]
 Skip = Annotated[
     list[str] | None, typer.Option("--skip", metavar="CHECK", help="Skip this check, on record; may be repeated.")
@@ -64,7 +61,7 @@ def run(
 
 def figures(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Recording of a flight, flight.mcap.")],
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Print the figures of a recorded flight: setpoint rate and jitter, ages of the inputs, CPU and memory."""
     from companion.recording.flight_stats import show_figures
@@ -112,19 +109,12 @@ def _through_the_gate(
 ) -> NoReturn:
     """Load the settings and hand them over: this process becomes the gate."""
     from companion.config.load import load
-    from companion.flight import launch as handover
+    from companion.flight import launch
+    from companion.flight.request import FlightRequest
     from companion.safety_case.gate_plan import refuse_if_reachable
 
     loaded = load(config, preset)
-    settings = loaded.settings
-    if start is not None:
-        settings = settings.model_copy(update={"mission": settings.mission.model_copy(update={"start": start})})
-    refuse_if_reachable(settings)
-    words = [what, "--preset", loaded.preset]
-    words += [] if seed is None else ["--seed", str(seed)]
-    words += ["--fix"] if fix else []
-    words += [f"--skip={name}" for name in skip or ()]
-    words += [] if resume_map is None else ["--resume-map", str(resume_map.resolve())]
-    # After a death nothing flies by itself: a person starts it, here or at a ground station.
-    by_whom = "key" if sys.stdin is not None and sys.stdin.isatty() else "command"
-    handover.become_the_gate(settings, words, None if what == "check" else [*words, "--start", by_whom])
+    refuse_if_reachable(loaded.settings)
+    folder = None if resume_map is None else resume_map.resolve()
+    request = FlightRequest(what, loaded.settings, loaded.preset, seed, fix, tuple(skip or ()), folder)
+    launch.become_the_gate(request if start is None else request.started_by(start))

@@ -21,23 +21,18 @@ import typer
 from companion.cli import flight as flight_commands
 from companion.cli import safety as safety_commands
 from companion.cli.maps import commands as map_commands
+from companion.cli.options import Config, Preset
 from companion.errors import EXIT_INTERRUPTED, CompanionError
 
 DISTRIBUTION = "mine-companion"
 COMMANDS_GROUP = "companion.commands"
 
-ConfigFile = Annotated[
-    Path | None, typer.Option("--config", metavar="FILE", help="YAML file with settings, see `companion config`.")
-]
-Preset = Annotated[
-    str | None, typer.Option("--preset", metavar="NAME", help="Preset below the file; overrides the file's choice.")
-]
 
 config_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Show, check and describe the settings.")
 
 
 @config_app.command()
-def show(config: ConfigFile = None, preset: Preset = None) -> None:
+def show(config: Config = None, preset: Preset = None) -> None:
     """Print every effective setting as commented YAML, ready to be edited."""
     from companion.config.load import load
     from companion.config.show import dump_yaml

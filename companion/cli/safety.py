@@ -8,16 +8,10 @@ from __future__ import annotations
 import dataclasses
 import json
 from importlib.resources import files
-from pathlib import Path
-from typing import Annotated
 
 import typer
 
-Config = Annotated[Path | None, typer.Option("--config", metavar="FILE", help="YAML file that describes the vehicle.")]
-Preset = Annotated[
-    str | None, typer.Option("--preset", metavar="NAME", help="Preset below the file; overrides the file's choice.")
-]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+from companion.cli.options import AsJson, Config, Preset
 
 app = typer.Typer(
     no_args_is_help=True, rich_markup_mode=None, help="Show how the vehicle is kept from walls when something fails."

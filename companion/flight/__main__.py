@@ -1,10 +1,10 @@
 """The application, as the gate starts it: a process of its own that has no other way to the autopilot.
 
-    python -m companion.flight run|check --settings-fd N --preset NAME [--seed N] [--fix] [--skip CHECK ...]
-        [--resume-map FOLDER]
+    python -m companion.flight --request-fd N
 
-It reads its settings from what it inherited. Nobody starts it by hand: without a gate there is no flight. Its last word
-to the gate is a goodbye with the exit code; whatever ends without that word is taken for dead.
+It reads what is asked of it from the sealed memory that it inherited (`companion.flight.request`). Nobody starts it by
+hand: without a gate there is no flight. Its last word to the gate is a goodbye with the exit code; whatever ends
+without that word is taken for dead.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import asyncio
 import logging
 import signal
 from collections.abc import Sequence
-from pathlib import Path
 
 import typer
 
@@ -44,7 +43,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     # While nothing flies, the end of the service is the same as Ctrl-C.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    given = _parser().parse_args(arguments)
+    parser = argparse.ArgumentParser(prog="companion.flight", allow_abbrev=False)
+    parser.add_argument("--request-fd", type=int, required=True)
+    given = parser.parse_args(arguments)
     try:
         gate = GateSocket.from_environment()
         if gate is None:
@@ -53,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         typer.echo(str(error), err=True)
         return error.exit_code
     try:
-        code = _work(given, gate)
+        code = _work(given.request_fd, gate)
     except CompanionError as error:
         typer.echo(str(error), err=True)
         code = error.exit_code
@@ -66,43 +67,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
-def _work(given: argparse.Namespace, gate: GateSocket) -> int:
+def _work(request_fd: int, gate: GateSocket) -> int:
     # Here, where Ctrl-C is waited for already: it takes seconds.
-    from companion.config.settings import Settings
-    from companion.flight import mission as app
-    from companion.flight.launch import unsealed
+    from companion.flight import mission
     from companion.flight.preflight import refusal, render
-    from companion.flight.preflight.run import Options
+    from companion.flight.request import FlightRequest
 
-    settings = Settings.model_validate_json(unsealed(given.settings_fd), strict=True)
-    if given.start is not None:
-        settings = settings.model_copy(update={"mission": settings.mission.model_copy(update={"start": given.start})})
-    options = Options(preset=given.preset, seed=given.seed, fix=given.fix, skip=tuple(given.skip))
-    if given.what == "check":
-        results = asyncio.run(app.check(settings, options, gate, lambda line: typer.echo(line, err=True)))
+    request = FlightRequest.unsealed(request_fd)
+    if request.what == "check":
+        results = asyncio.run(mission.check(request, gate, lambda line: typer.echo(line, err=True)))
         typer.echo(render(results))
         if (why := refusal(results)) is not None:
             raise ChecksFailedError(why)
         return 0
-    summary = asyncio.run(app.fly(settings, options, gate, typer.echo, given.resume_map))
+    summary = asyncio.run(mission.fly(request, gate, typer.echo))
     if summary["interrupted"]:
         return EXIT_INTERRUPTED
     if not summary["as_it_should"]:
         raise FlightFailedError(f"the flight ended because: {summary['ended_because']}")
     return 0
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="companion.flight", allow_abbrev=False)
-    parser.add_argument("what", choices=("run", "check"))
-    parser.add_argument("--settings-fd", type=int, required=True)
-    parser.add_argument("--preset", required=True)
-    parser.add_argument("--start", choices=("now", "key", "command"))
-    parser.add_argument("--seed", type=int)
-    parser.add_argument("--fix", action="store_true")
-    parser.add_argument("--skip", action="append", default=[])
-    parser.add_argument("--resume-map", type=Path)
-    return parser
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The part of a flight that is not on the ground: take off, explore until there is a reason to end it, end it."""
+"""The part of a flight in the air: take off, explore until there is a reason to end it, end it."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from collections.abc import Coroutine
 from typing import Any
 
 from companion.autopilot.vehicle import Vehicle
-from companion.flight.control_loop import Pilot
+from companion.flight.control_loop import ControlLoop
+from companion.flight.events import Event, EventEmitter
 from companion.flight.gate_client import GateLostError, GateTookOverError
-from companion.flight.operator_commands import InterruptedFlightError, Orders
+from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands
+from companion.flight.phase import PhaseEvent
 from companion.flight.preflight.run import LOOK_PERIOD_S
-from companion.flight.reporting import Announcements
 from companion.flight.session import Session
-from companion.flight.tasks import background
-from companion.flight.termination import Ending, Standing, ending
-from companion.gate.protocol import Phase
+from companion.flight.tasks import background, first_of
+from companion.flight.termination import Conditions, Termination, termination
 from companion.mapping.process.client import MapClient
 from companion.mavlink.modes import mode_name, personality
 
 
-class InTheAir:
+class Airborne:
     """One flight, from the order to take off until the vehicle is left holding or landing, or in its pilot's hands.
 
     Attributes:
@@ -30,23 +30,23 @@ class InTheAir:
     def __init__(
         self,
         session: Session,
-        orders: Orders,
+        operator: OperatorCommands,
         vehicle: Vehicle,
-        pilot: Pilot,
+        control_loop: ControlLoop,
         mapper: MapClient,
-        announcements: Announcements,
+        events: EventEmitter,
     ) -> None:
         self.explored_s = 0.0
         self._session = session
         self._settings = session.settings
         self._gate = session.gate
-        self._orders = orders
+        self._operator = operator
         self._vehicle = vehicle
-        self._pilot = pilot
+        self._control_loop = control_loop
         self._mapper = mapper
-        self._announcements = announcements
+        self._events = events
 
-    async def run(self) -> Ending:
+    async def run(self) -> Termination:
         """Fly. Leaving the vehicle's context leaves it holding or landing, whatever happened.
 
         Raises:
@@ -55,41 +55,49 @@ class InTheAir:
             InterruptedFlightError: a person stopped the take-off.
             CompanionError: the flight broke off.
         """
-        vehicle, pilot, gate = self._vehicle, self._pilot, self._gate
-        self._orders.in_the_air = True
-        gate.phase = Phase.CLIMBING
+        vehicle, phases = self._vehicle, self._session.flight
+        phases.update(PhaseEvent.STARTED)
+        self._events.emit(Event.TAKING_OFF)
         try:
-            async with background(pilot.run()), vehicle:
+            async with background(self._control_loop.run()), vehicle:
                 try:
                     why = await self._explore()
                 finally:
-                    pilot.exploring = False
-                    gate.phase = Phase.ENDING
+                    phases.update(PhaseEvent.STOPPED)
                 if not why.hands_off:
                     lands = self._settings.mission.end_action == "land"
                     await self._while_it_can(vehicle.land() if lands else vehicle.hold())
         finally:
             if self._is_left():
-                gate.ended()
+                phases.update(PhaseEvent.LEFT)
+                self._gate.ended()
         return why
 
-    async def _explore(self) -> Ending:
-        vehicle, pilot, ends = self._vehicle, self._pilot, (self._orders.stop, self._gate.taken)
-        self._announcements.phase("taking off")
-        climb = vehicle.take_off(self._settings.control.height_m, pilot.measured_height_m)
+    async def _explore(self) -> Termination:
+        vehicle, control_loop, ends = self._vehicle, self._control_loop, (self._operator.stop, self._gate.taken)
+        climb = vehicle.take_off(self._settings.control.height_m, control_loop.measured_height_m)
         await self._while_it_can(climb, *ends)
         await self._while_it_can(vehicle.engage(), *ends)
         began_s = self._session.clock.now_s()
-        pilot.fresh_s = began_s
-        pilot.exploring = True
-        self._gate.phase = Phase.EXPLORING
-        self._announcements.phase("exploring")
+        control_loop.fresh_s = began_s
+        self._session.flight.update(PhaseEvent.ENGAGED)
+        self._events.emit(Event.EXPLORING)
         why = await self._until_the_end(began_s)
         self.explored_s = self._session.clock.now_s() - began_s
-        self._announcements.ended(why, (self._gate.took_over if why is Ending.GATE else vehicle.foreign_mode) or "")
+        self._tell_end(why)
         return why
 
-    async def _until_the_end(self, began_s: float) -> Ending:
+    def _tell_end(self, why: Termination) -> None:
+        detail = (self._gate.took_over if why is Termination.GATE else self._vehicle.taken_over) or ""
+        then = {"land": "landing", "hold": "holding"}[self._settings.mission.end_action]
+        self._events.emit(
+            Event.ENDED if why.as_it_should else Event.ENDED_EARLY,
+            why=f"{why.value} {detail}".strip(),
+            end=why.value,
+            then="hands off" if why.hands_off else then,
+        )
+
+    async def _until_the_end(self, began_s: float) -> Termination:
         session = self._session
         battery_s: float | None = None
         while True:
@@ -97,43 +105,41 @@ class InTheAir:
             state = session.telemetry.state(now_s)
             if state.battery_percent is not None:
                 battery_s = now_s
-            standing = Standing(
+            conditions = Conditions(
                 vehicle=state,
-                pilot_took_over=self._vehicle.pilot_took_over,
+                taken_over=self._vehicle.taken_over is not None,
                 gate_took_over=self._gate.took_over is not None,
                 gate_lost=self._gate.lost.is_set(),
-                stop_asked=self._orders.stop.is_set(),
+                stop_asked=self._operator.stop.is_set(),
                 complete=self._mapper.status.complete,
                 flown_s=now_s - began_s,
-                blind_s=now_s - self._pilot.fresh_s,
+                blind_s=now_s - self._control_loop.fresh_s,
                 map_silent_s=self._mapper.status.age_s,
                 battery_silent_s=0.0 if battery_s is None else now_s - battery_s,
             )
-            why = ending(standing, self._settings.mission)
+            why = termination(conditions, self._settings)
             if why is not None:
                 return why
-            await asyncio.sleep(LOOK_PERIOD_S)
+            await session.clock.sleep(LOOK_PERIOD_S)
 
     async def _while_it_can(self, manoeuvre: Coroutine[Any, Any, object], *stops: asyncio.Event) -> None:
         """Run a manoeuvre. The loss of the gate breaks it off, and so does what else is handed in."""
         task = asyncio.ensure_future(manoeuvre)
-        ends = [asyncio.ensure_future(event.wait()) for event in (self._gate.lost, *stops)]
-        try:
-            await asyncio.wait((task, *ends), return_when=asyncio.FIRST_COMPLETED)
-            if self._gate.lost.is_set():
-                raise GateLostError(f"{Ending.GATE_LOST.value}: the autopilot's own failsafe has to end this flight")
-            if not task.done() and self._gate.taken.is_set():
-                raise GateTookOverError(f"{Ending.GATE.value} during the take-off: {self._gate.took_over or 'briefly'}")
-            if not task.done():
-                raise InterruptedFlightError("stopped during the take-off; the vehicle holds or lands")
+        done = await first_of(task, *(event.wait() for event in (self._gate.lost, *stops)))
+        if self._gate.lost.is_set():
+            raise GateLostError(f"{Termination.GATE_LOST.value}: the autopilot's own failsafe has to end this flight")
+        if task in done:
             task.result()
-        finally:
-            for one in (task, *ends):
-                one.cancel()
+        elif self._gate.taken.is_set():
+            raise GateTookOverError(
+                f"{Termination.GATE.value} during the take-off: {self._gate.took_over or 'briefly'}"
+            )
+        else:
+            raise InterruptedFlightError("stopped during the take-off; the vehicle holds or lands")
 
     def _is_left(self) -> bool:
         """Whether nothing more is to be expected of us: it is down, somebody else's, or flies by itself."""
         ours = personality(self._session.link.kind)
         leaves = [mode_name(ours.kind, mode) for mode in (ours.hold, ours.land)]
         state = self._session.telemetry.state(self._session.clock.now_s())
-        return not state.armed or self._vehicle.pilot_took_over or state.mode in leaves
+        return not state.armed or self._vehicle.taken_over is not None or state.mode in leaves

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import AsyncIterator, Callable
 from typing import Protocol
 
-from companion.flight.rate import Pace
-from companion.model import Input, Measurement, Mode, Observation, Pose, Setpoint
-from companion.pipeline import Explorer
+from companion.clock import Clock
+from companion.flight.phase import FlightPhase, PhaseMachine
+from companion.model import Measurement, Mode, Pose, Setpoint
+from companion.pipeline import Explorer, Tick
 from companion.sensors.synchronizer import Synchronizer
 
 
-class Helm(Protocol):
-    """What obeys setpoints."""
+class SetpointSink(Protocol):
+    """Whatever follows setpoints: the vehicle."""
 
     def send(self, setpoint: Setpoint) -> bool:
         """Send one setpoint; whether it went out."""
@@ -23,46 +23,48 @@ class Helm(Protocol):
 
 
 class Gate(Protocol):
-    """Who has to know that a tick was completed before its setpoint comes."""
+    """The gate, which has to know that a tick was completed before its setpoint comes."""
 
     def ticked(self, t_s: float, pose: Pose | None, measurement: Measurement | None) -> None:
         """Everything that this tick's setpoint rests on; None while no pose is known."""
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class TickRecord:
-    """Everything about one tick, for the recording and for who watches.
+Watcher = Callable[[Tick], None]
+"""Whoever wants to know of each tick: recording, reporting, the map. Takes no longer than a millisecond or two."""
 
-    Attributes:
-        t_s: the time of the tick.
-        observation: what the tick saw; None while no pose is known.
-        measurement: what it made of that.
-        mode: the navigator's mode; hold while it does not steer.
-        setpoint: what it asked for; None: nothing, which is silence on the wire.
-        stepped: whether the navigator was asked, which changes what it remembers.
-        sent: whether the setpoint went out.
-        missing: the inputs that were absent or stale.
-        duration_s: how long the tick took.
+
+class Rate:
+    """A fixed rate without catching up: gives one time a period. A tick that came too late is counted and not repeated.
+
+    Args:
+        clock: what time it is.
+        period_s: the sampling period.
     """
 
-    t_s: float
-    observation: Observation | None
-    measurement: Measurement | None
-    mode: Mode
-    setpoint: Setpoint | None
-    stepped: bool
-    sent: bool
-    missing: tuple[Input, ...]
-    duration_s: float
+    def __init__(self, clock: Clock, period_s: float) -> None:
+        self.missed = 0
+        """Periods in which no tick could begin."""
+        self._clock = clock
+        self._period_s = period_s
+
+    async def ticks(self) -> AsyncIterator[float]:
+        """The time of each tick, for ever."""
+        next_s = self._clock.now_s()
+        while True:
+            now_s = self._clock.now_s()
+            late_s = now_s - next_s
+            if late_s >= self._period_s:
+                missed = int(late_s / self._period_s)
+                self.missed += missed
+                next_s += missed * self._period_s
+            yield now_s
+            next_s += self._period_s
+            await self._clock.sleep(max(0.0, next_s - self._clock.now_s()))
 
 
-Watcher = Callable[[TickRecord], None]
-"""Whoever wants to know of each tick: recording, announcements, the map. Takes no longer than a millisecond or two."""
-
-
-class Pilot:
-    """Looks always, steers while `exploring`.
+class ControlLoop:
+    """Looks always, steers while the flight explores.
 
     A tick whose pose is missing sends nothing: a velocity means nothing to an autopilot that may not know its own, and
     silence is what the layers below react to. A tick that lacks anything else sends zero: to stop needs no depth.
@@ -70,8 +72,9 @@ class Pilot:
     Args:
         inputs: where observations come from.
         explorer: what makes setpoints of them.
-        pace: when.
-        helm: where setpoints go.
+        rate: when to tick.
+        flight: knows the phase.
+        vehicle: where setpoints go; None: nowhere, as in a pre-flight check.
         watchers: who is told of every tick.
         gate: who is told of every tick before its setpoint goes out; without it no setpoint passes.
     """
@@ -80,12 +83,12 @@ class Pilot:
         self,
         inputs: Synchronizer,
         explorer: Explorer,
-        pace: Pace,
-        helm: Helm | None,
+        rate: Rate,
+        flight: PhaseMachine,
+        vehicle: SetpointSink | None,
         watchers: tuple[Watcher, ...] = (),
         gate: Gate | None = None,
     ) -> None:
-        self.exploring = False
         self.measurement: Measurement | None = None
         """Of the newest tick, None when it had no pose."""
         self.pose: Pose | None = None
@@ -93,8 +96,9 @@ class Pilot:
         """When a tick last had all its inputs."""
         self._inputs = inputs
         self._explorer = explorer
-        self._pace = pace
-        self._helm = helm
+        self._rate = rate
+        self._flight = flight
+        self._vehicle = vehicle
         self._watchers = watchers
         self._gate = gate
 
@@ -104,25 +108,23 @@ class Pilot:
 
     async def run(self) -> None:
         """Tick until cancelled."""
-        async for now_s in self._pace.ticks():
+        async for now_s in self._rate.ticks():
             self.tick(now_s)
 
-    def tick(self, now_s: float) -> TickRecord:
+    def tick(self, now_s: float) -> Tick:
         """One sampling period."""
         began = time.perf_counter()
+        exploring = self._flight.phase is FlightPhase.EXPLORING
         observation = self._inputs.observe(now_s)
         measurement: Measurement | None = None
         setpoint: Setpoint | None = None
-        if observation is None:
-            missing: tuple[Input, ...] = (Input.POSE,)
-        elif self.exploring:
+        if observation is not None and exploring:
             steering = self._explorer.step(observation)
             measurement, setpoint = steering.measurement, steering.setpoint
-            missing = measurement.missing
-        else:
+        elif observation is not None:
             measurement = self._explorer.look(observation)
-            missing = measurement.missing
-        if Input.POSE in missing:
+        missing = ("pose",) if measurement is None else measurement.missing
+        if "pose" in missing:
             setpoint = None
         self.measurement = measurement
         self.pose = None if observation is None else observation.pose
@@ -131,11 +133,19 @@ class Pilot:
         # Only here, where everything before has succeeded: a tick that failed must not look like one that did.
         if self._gate is not None:
             self._gate.ticked(now_s, self.pose, measurement)
-        sent = setpoint is not None and self._helm is not None and self._helm.send(setpoint)
-        mode = self._explorer.navigator.status.mode if self.exploring and not missing else Mode.HOLD
-        duration_s = time.perf_counter() - began
-        stepped = self.exploring and observation is not None
-        record = TickRecord(now_s, observation, measurement, mode, setpoint, stepped, sent, missing, duration_s)
+        sent = setpoint is not None and self._vehicle is not None and self._vehicle.send(setpoint)
+        navigator = self._explorer.navigator
+        tick = Tick(
+            t_s=now_s,
+            observation=observation,
+            measurement=measurement,
+            setpoint=setpoint,
+            mode=navigator.status.mode if exploring and not missing else Mode.HOLD,
+            sent=sent,
+            height_m=navigator.height_m,
+            duration_s=time.perf_counter() - began,
+            stepped=exploring and observation is not None,
+        )
         for watch in self._watchers:
-            watch(record)
-        return record
+            watch(tick)
+        return tick

@@ -1,9 +1,8 @@
-"""What the application says to the gate at every tick, and what becomes of what the gate says."""
+"""A beat to the gate at every tick, and the gate's notices."""
 
 from __future__ import annotations
 
 import asyncio
-import logging
 import math
 from collections import Counter
 from collections.abc import Callable
@@ -11,17 +10,28 @@ from collections.abc import Callable
 from companion.autopilot.interface import Transport
 from companion.clock import Clock
 from companion.errors import CompanionError
+from companion.flight.events import Event, EventEmitter
 from companion.flight.gate_socket import GateSocket
+from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.gate.faults import Stage
 from companion.gate.protocol import Beat, Notice, Phase
 from companion.model import Measurement, Pose
-from companion.recording import Recorder
 
 LOOK_S = 0.1
 """How often it is looked whether the gate has said something."""
 KINDS_OF_NOTICES = 64
 """Different texts that are counted each by itself; the rest is counted together."""
 OTHERS = "others"
+
+GATE_PHASE = {
+    FlightPhase.CHECKING: Phase.GROUND,
+    FlightPhase.WAITING: Phase.GROUND,
+    FlightPhase.TAKING_OFF: Phase.CLIMBING,
+    FlightPhase.EXPLORING: Phase.EXPLORING,
+    FlightPhase.LEAVING: Phase.ENDING,
+    FlightPhase.ENDED: Phase.ENDED,
+}
+"""What the gate has to know of a phase of the flight."""
 
 
 class GateLostError(CompanionError):
@@ -38,27 +48,30 @@ class GateClient:
     Args:
         socket: to the gate.
         clock: what time it is.
-        say: shows a line to the operator.
+        events: where its notices go.
+        flight: knows the phase of the flight, which every beat says.
 
     Attributes:
-        phase: what the next beats say that the application is doing.
-        recorder: where notices are recorded as well, while there is a flight.
         counted: how often the gate has said what.
         taken: set once the gate has begun to hold or land the vehicle.
         lost: set when the gate is gone.
     """
 
-    def __init__(self, socket: GateSocket, clock: Clock, say: Callable[[str], None]) -> None:
-        self.phase = Phase.GROUND
-        self.recorder: Recorder | None = None
+    def __init__(self, socket: GateSocket, clock: Clock, events: EventEmitter, flight: PhaseMachine) -> None:
         self.counted: Counter[str] = Counter()
         self.taken = asyncio.Event()
         self.lost = asyncio.Event()
         self._socket = socket
         self._clock = clock
-        self._say = say
+        self._events = events
+        self._flight = flight
         self._map_age_s: Callable[[], float] = lambda: math.inf
         self._notice = Notice(Stage.PASS)
+
+    @property
+    def phase(self) -> Phase:
+        """What the next beat says that the application is doing."""
+        return GATE_PHASE[self._flight.phase]
 
     @property
     def transport(self) -> Transport:
@@ -96,11 +109,10 @@ class GateClient:
         )
 
     def ended(self) -> None:
-        """The vehicle was left as configured, and nothing ticks any more: a map takes its time to be written.
+        """The flight has ended, and nothing ticks any more: a map takes its time to be written.
 
         Said again and again: the gate that missed it would take the silence for a hang.
         """
-        self.phase = Phase.ENDED
         self.ticked(self._clock.now_s(), None, None)
 
     async def run(self) -> None:
@@ -115,25 +127,21 @@ class GateClient:
                 raise GateLostError("the safety gate is gone: without it nothing flies; nothing was armed")
             if self.phase is Phase.ENDED:
                 self.ended()
-            await asyncio.sleep(LOOK_S)
+            await self._clock.sleep(LOOK_S)
 
     def look(self) -> None:
-        """Show, record and count what the gate has said; notice when it is gone."""
+        """Show, record and count the notices; find out when the gate is gone."""
         for notice in self._socket.notices():
             text = notice.text
             self.counted[text if text in self.counted or len(self.counted) < KINDS_OF_NOTICES else OTHERS] += 1
-            self._tell(text)
+            self._events.emit(Event.GATE_NOTICE, text=text)
         self._notice = self._socket.stage or self._notice
         if self._notice.stage >= Stage.HOLD:
             self.taken.set()
         if self._socket.gone and not self.lost.is_set():
             self.lost.set()
-            self._tell("gone; nothing reaches the autopilot any more, its own failsafe stops the vehicle")
-
-    def _tell(self, text: str) -> None:
-        self._say(f"gate: {text}")
-        if self.recorder is not None:
-            self.recorder.event("gate", text, logging.WARNING)
+            text = "gone; nothing reaches the autopilot any more, its own failsafe stops the vehicle"
+            self._events.emit(Event.GATE_NOTICE, text=text)
 
 
 def _age(value_s: float) -> float:

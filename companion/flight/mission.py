@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-import logging
+from collections.abc import Callable
 from contextlib import AsyncExitStack, nullcontext
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -13,57 +13,57 @@ from typing import Any
 
 import numpy as np
 
-from companion.autopilot.status_reporter import Announcer
+from companion.autopilot.status_reporter import StatusReporter
 from companion.autopilot.vehicle import Vehicle
 from companion.clock import MonotonicClock
 from companion.config.settings import Settings
 from companion.config.show import dump_yaml
 from companion.errors import InputError
-from companion.flight.airborne import InTheAir
-from companion.flight.control_loop import Pilot
+from companion.flight.airborne import Airborne
+from companion.flight.control_loop import ControlLoop, Rate
+from companion.flight.events import Event, EventEmitter, console, recording, status_text
 from companion.flight.gate_client import GateClient
 from companion.flight.gate_socket import GateSocket
-from companion.flight.operator_commands import InterruptedFlightError, Orders
+from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands
+from companion.flight.phase import PhaseEvent, PhaseMachine
 from companion.flight.preflight import CheckResult
-from companion.flight.preflight.run import Options, checked, passed
-from companion.flight.rate import Pace
-from companion.flight.reporting import Announcements, MapFeed, Recording, Say
+from companion.flight.preflight.run import checked, passed
+from companion.flight.reporting import MapFeed, TickReporter
+from companion.flight.request import FlightRequest
 from companion.flight.session import Session, open_session
 from companion.flight.tasks import background
-from companion.flight.termination import Ending
+from companion.flight.termination import Termination
 from companion.flight.warm_up import warm_up
 from companion.mapping.process.client import MapClient, check_folder
 from companion.mapping.process.messages import MapError
 from companion.pipeline import Explorer
 from companion.recording import FlightInfo, Recorder
-from companion.recording.content import ENDED
+
+Show = Callable[[str], None]
 
 CHECKS_HOLD_S = 30.0
 """A start that comes later than this finds the vehicle checked anew: a battery empties, a sensor falls silent."""
 
 
-async def check(settings: Settings, options: Options, gate: GateSocket, say: Say) -> list[CheckResult]:
+async def check(request: FlightRequest, gate: GateSocket, show: Show) -> list[CheckResult]:
     """Connect, listen for a moment and run the pre-flight checks. Nothing is armed."""
-    _load(settings, say)
-    clock = MonotonicClock()
-    async with open_session(settings, clock, GateClient(gate, clock, say)) as session:
-        return await checked(session, options, say)
+    events = EventEmitter(console(show))
+    settings = request.settings
+    _load(settings, events)
+    clock, flight = MonotonicClock(), PhaseMachine()
+    async with open_session(settings, clock, GateClient(gate, clock, events, flight), flight) as session:
+        return await checked(session, request, events)
 
 
-async def fly(
-    settings: Settings, options: Options, gate: GateSocket, say: Say, resume_map: Path | None = None
-) -> dict[str, Any]:
+async def fly(request: FlightRequest, gate: GateSocket, show: Show) -> dict[str, Any]:
     """One flight: checks, start, take-off, exploring, and the end as configured.
 
     Whatever happens in it, the vehicle is left holding or landing, or in its pilot's hands.
 
     Args:
-        settings: the whole configuration.
-        options: what the command line adds.
+        request: the settings, and what the command line adds.
         gate: the safety gate, through which everything goes to the autopilot.
-        say: shows a line to the operator.
-        resume_map: the folder of an earlier flight whose map goes on, from the same start of the autopilot; the map
-            stays in that folder.
+        show: prints a line for the operator.
 
     Returns:
         The summary, as it is written to ``summary.json`` in the flight's folder.
@@ -74,29 +74,33 @@ async def fly(
         InputError: there is no map to resume.
         CompanionError: the flight could not begin, or broke off.
     """
-    check_folder(resume_map, resume=True)
-    orders = Orders(by_command=settings.mission.start == "command")
-    _load(settings, say)
-    with orders.signals():
+    settings = request.settings
+    check_folder(request.resume_map, resume=True)
+    flight = PhaseMachine()
+    operator = OperatorCommands(settings.mission.start == "command", flight)
+    events = EventEmitter(console(show))
+    _load(settings, events)
+    with operator.signals():
         try:
             clock = MonotonicClock()
-            async with open_session(settings, clock, GateClient(gate, clock, say)) as session:
-                orders.listen(session.link)
-                announcer = Announcer(session.link, session.clock)
-                async with background(announcer.run()):
-                    results = await passed(session, options, announcer, say)
-                    return await _Flight(session, options, orders, announcer, say, resume_map).run(results)
+            async with open_session(settings, clock, GateClient(gate, clock, events, flight), flight) as session:
+                operator.listen(session.link)
+                status_reporter = StatusReporter(session.link, session.clock)
+                events.add(status_text(status_reporter))
+                async with background(status_reporter.run()):
+                    results = await passed(session, request, events)
+                    return await _Flight(session, request, operator, status_reporter, events).run(results)
         except asyncio.CancelledError:
-            if not orders.interrupted:
+            if not operator.interrupted:
                 raise
             raise InterruptedFlightError("stopped before the take-off; nothing was armed") from None
 
 
-def _load(settings: Settings, say: Say) -> None:
+def _load(settings: Settings, events: EventEmitter) -> None:
     """Before anything listens: what is compiled while messages arrive makes all of them late."""
-    say("loading the navigator (the first time on a computer compiles it, about a minute)")
+    events.emit(Event.LOADING)
     warm_up(settings)
-    say(f"looking for the autopilot at {settings.autopilot.url}")
+    events.emit(Event.CONNECTING, url=settings.autopilot.url)
 
 
 class _Flight:
@@ -105,25 +109,23 @@ class _Flight:
     def __init__(
         self,
         session: Session,
-        options: Options,
-        orders: Orders,
-        announcer: Announcer,
-        say: Say,
-        resume_map: Path | None,
+        request: FlightRequest,
+        operator: OperatorCommands,
+        status_reporter: StatusReporter,
+        events: EventEmitter,
     ) -> None:
         drawn = int(np.random.SeedSequence().generate_state(1)[0])
         self._session = session
         self._settings = session.settings
-        self._options = options
-        self._orders = orders
-        self._announcer = announcer
+        self._request = request
+        self._operator = operator
+        self._status_reporter = status_reporter
         self._gate = session.gate
-        self._seed = drawn if options.seed is None else options.seed
-        self._say = say
-        self._resume_map = resume_map
+        self._seed = drawn if request.seed is None else request.seed
+        self._events = events
 
     async def run(self, results: list[CheckResult]) -> dict[str, Any]:
-        settings, session = self._settings, self._session
+        settings, session, events = self._settings, self._session, self._events
         folder = _new_folder(Path(settings.record.folder))
         (folder / "settings.yaml").write_text(dump_yaml(settings), encoding="utf-8")
         rng = np.random.default_rng(self._seed)
@@ -131,43 +133,47 @@ class _Flight:
         explorer = Explorer(settings, rng)
         async with AsyncExitStack() as stack:
             recorder = stack.enter_context(Recorder(folder / "flight.mcap", settings.record, info, session.clock))
-            self._gate.recorder = recorder
-            self._say("starting the map (the first start on a computer compiles it: a minute, on a small one several)")
-            map_folder = self._resume_map or folder
+            events.add(recording(recorder))
+            events.emit(Event.MAP_STARTING)
+            map_folder = self._request.resume_map or folder
             mapper = await stack.enter_async_context(self._mapper(map_folder))
-            if self._resume_map is not None:
-                self._say(f"the map of {map_folder} goes on: {mapper.status.resumed_chunks} chunks")
+            if self._request.resume_map is not None:
+                events.emit(Event.MAP_RESUMED, folder=map_folder, chunks=mapper.status.resumed_chunks)
             self._gate.has_map(lambda: mapper.status.age_s)
-            announcements = Announcements(self._announcer, session.telemetry, mapper, recorder, self._say)
-            announcements.checks(results)
-            results = await self._wait_for_start(announcements, results)
+            self._record(results)
+            results = await self._wait_for_start(results)
             vehicle = Vehicle(session.link, session.telemetry, settings, session.clock)
-            pilot = Pilot(
+            control_loop = ControlLoop(
                 session.inputs,
                 explorer,
-                Pace(session.clock, settings.control.period_s),
+                Rate(session.clock, settings.control.period_s),
+                session.flight,
                 vehicle,
-                (Recording(recorder, explorer.navigator), MapFeed(mapper), announcements),
+                (
+                    recorder.tick,
+                    MapFeed(mapper),
+                    TickReporter(events, self._status_reporter, session.telemetry, mapper, session.flight),
+                ),
                 self._gate,
             )
-            in_the_air = InTheAir(session, self._orders, vehicle, pilot, mapper, announcements)
+            airborne = Airborne(session, self._operator, vehicle, control_loop, mapper, events)
             broke_off: Exception | None = None
             try:
-                why: str = (await in_the_air.run()).value
+                why: str = (await airborne.run()).value
             except Exception as error:  # noqa: BLE001 - it is raised again, when nothing is lost any more
                 # The vehicle holds or lands by now; what was flown for must not be lost with the flight.
                 broke_off, why = error, f"broke off: {error}"
-                recorder.event(ENDED, why, logging.ERROR)
+                events.emit(Event.BROKE_OFF, why=why)
             files, problem = await self._save(mapper)
             explored = {
-                "explored_s": round(in_the_air.explored_s, 1),
+                "explored_s": round(airborne.explored_s, 1),
                 "map_folder": str(map_folder),
                 "map_problem": problem,
             }
             summary = self._summary(why, results, mapper, recorder) | explored
         text = json.dumps(summary, indent=2) + "\n"
         (folder / "summary.json").write_text(text, encoding="utf-8")
-        self._say(f"{why}: {len(files)} map files are in {map_folder}, the recording in {folder}")
+        events.emit(Event.OVER, why=why, files=len(files), map_folder=map_folder, folder=folder)
         if broke_off is not None:
             raise broke_off
         return summary
@@ -179,7 +185,7 @@ class _Flight:
             (settings.sensors.camera.model(),),
             settings.control,
             folder,
-            resume=self._resume_map is not None,
+            resume=self._request.resume_map is not None,
             half_slab_m=settings.half_slab_m,
             max_slope=settings.sensors.scan.max_ground_slope,
             clock=self._session.clock,
@@ -187,39 +193,45 @@ class _Flight:
 
     async def _save(self, mapper: MapClient) -> tuple[list[Path], str | None]:
         """The files of the map, or why there are none: a full disk must not end what comes after a flight."""
-        self._say("writing the map")
+        self._events.emit(Event.MAP_WRITING)
         try:
             return await mapper.save(), None
         except MapError as error:
-            self._say(f"the map was not written: {error}")
+            self._events.emit(Event.MAP_NOT_WRITTEN, error=error)
             return [], str(error)
 
-    async def _wait_for_start(self, announcements: Announcements, results: list[CheckResult]) -> list[CheckResult]:
+    async def _wait_for_start(self, results: list[CheckResult]) -> list[CheckResult]:
         """Wait for the order. What was checked long before it is checked again."""
         start, clock = self._settings.mission.start, self._session.clock
         if start == "now":
             return results
         checked_s = clock.now_s()
-        announcements.phase("waiting for the start")
-        self._say("ready: press Enter to take off" if start == "key" else "ready: waiting for MAV_CMD_MISSION_START")
-        self._orders.ready = True
-        with self._orders.enter_key() if start == "key" else nullcontext():
-            await self._orders.start.wait()
+        self._session.flight.update(PhaseEvent.READY)
+        self._events.emit(Event.WAITING)
+        self._events.emit(Event.READY_FOR_KEY if start == "key" else Event.READY_FOR_COMMAND)
+        with self._operator.enter_key() if start == "key" else nullcontext():
+            await self._operator.start.wait()
         if clock.now_s() - checked_s > CHECKS_HOLD_S:
-            self._say("checking again")
-            results = await passed(self._session, self._options, self._announcer, self._say)
-            announcements.checks(results)
+            self._events.emit(Event.CHECKING_AGAIN)
+            results = await passed(self._session, self._request, self._events)
+            self._record(results)
         return results
+
+    def _record(self, results: list[CheckResult]) -> None:
+        """Put every check on record, above all those that were skipped."""
+        for result in results:
+            event = Event.CHECK_SKIPPED if result.skipped else Event.CHECK_PASSED
+            self._events.emit(event, name=result.name, found=result.found)
 
     def _summary(self, why: str, results: list[CheckResult], mapper: MapClient, recorder: Recorder) -> dict[str, Any]:
         session, status = self._session, mapper.status
         return {
-            "preset": self._options.preset,
+            "preset": self._request.preset,
             "seed": self._seed,
             "autopilot": session.link.kind.value,
             "ended_because": why,
-            "as_it_should": why in [ending.value for ending in Ending if ending.as_it_should],
-            "interrupted": self._orders.interrupted,
+            "as_it_should": why in [termination.value for termination in Termination if termination.as_it_should],
+            "interrupted": self._operator.interrupted,
             "completeness_estimate": status.completeness,
             "recording": recorder.problem or "whole",
             "recording_ticks_dropped": recorder.ticks_dropped,

@@ -1,4 +1,4 @@
-"""What people ask for: start and stop, by key, by signal, or by a command from a ground station."""
+"""Start and stop as people ask for them: by key, by signal, or by a command from a ground station."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import Any
 from companion.autopilot.interface import Link, LinkError, Message
 from companion.autopilot.vehicle_state import integer, number
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
+from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.mavlink.ids import MavCmd, MavComponent, MavResult
 
 LARGEST_COMMAND = 65535
@@ -24,33 +25,32 @@ class InterruptedFlightError(CompanionError):
     exit_code = EXIT_INTERRUPTED
 
 
-class Orders:
+class OperatorCommands:
     """Start and stop, from wherever they come.
 
     Args:
         by_command: whether a ground station may start the flight; it may always stop it.
+        flight: knows the phase. A start that comes before one is waited for is refused: nobody expects a take-off
+            minutes later. A signal in the air waits until the vehicle is down.
     """
 
-    def __init__(self, by_command: bool) -> None:
+    def __init__(self, by_command: bool, flight: PhaseMachine) -> None:
         self.start = asyncio.Event()
         self.stop = asyncio.Event()
-        self.ready = False
-        """Whether a start is waited for. One that comes before is refused: nobody expects a take-off minutes later."""
-        self.in_the_air = False
-        """Whether a signal has to wait until the vehicle is down."""
         self.interrupted = False
         """Whether the stop came as a signal: Ctrl-C, or the end of the service."""
         self._by_command = by_command
+        self._flight = flight
         self._task: asyncio.Task[object] | None = None
 
     def listen(self, link: Link) -> None:
         """Obey a ground station's commands to this component."""
 
-        def received(message: Message) -> None:
-            self._command(link, message)
+        def on_message(message: Message) -> None:
+            self._on_command(link, message)
 
-        link.events("COMMAND_LONG", received, anyone=True)
-        link.events("COMMAND_INT", received, anyone=True)
+        link.events("COMMAND_LONG", on_message, anyone=True)
+        link.events("COMMAND_INT", on_message, anyone=True)
 
     @contextlib.contextmanager
     def signals(self) -> Iterator[None]:
@@ -58,7 +58,7 @@ class Orders:
         loop = asyncio.get_running_loop()
         self._task = asyncio.current_task()
         for signal_number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(signal_number, self._interrupt)
+            loop.add_signal_handler(signal_number, self._on_signal)
         try:
             yield
         finally:
@@ -74,7 +74,7 @@ class Orders:
         """
         loop = asyncio.get_running_loop()
 
-        def pressed() -> None:
+        def on_input() -> None:
             if not sys.stdin.readline():
                 # The end of the input, as under a service manager: nobody will ever press a key.
                 loop.remove_reader(sys.stdin)
@@ -85,7 +85,7 @@ class Orders:
             if sys.stdin.isatty():
                 # What was typed before nobody meant as an answer, least of all after a restart.
                 termios.tcflush(sys.stdin, termios.TCIFLUSH)
-            loop.add_reader(sys.stdin, pressed)
+            loop.add_reader(sys.stdin, on_input)
         except (AttributeError, OSError, ValueError, termios.error):  # no input at all, as under a service manager
             raise InputError(
                 "mission.start = key, but there is no terminal: use --start command (a ground station starts the "
@@ -96,13 +96,13 @@ class Orders:
         finally:
             loop.remove_reader(sys.stdin)
 
-    def _interrupt(self) -> None:
+    def _on_signal(self) -> None:
         self.interrupted = True
         self.stop.set()
-        if not self.in_the_air and self._task is not None:
+        if not self._flight.phase.airborne and self._task is not None:
             self._task.cancel()
 
-    def _command(self, link: Link, message: Message) -> None:
+    def _on_command(self, link: Link, message: Message) -> None:
         command = integer(message, "command")
         ours = (integer(message, "target_system"), integer(message, "target_component"))
         if (
@@ -128,7 +128,7 @@ class Orders:
         if command == MavCmd.MISSION_START:
             if not self._by_command:
                 return MavResult.DENIED
-            if not self.ready:
+            if self._flight.phase < FlightPhase.WAITING:
                 return MavResult.TEMPORARILY_REJECTED
             self.start.set()
             return MavResult.ACCEPTED

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -15,6 +14,7 @@ from companion.clock import Clock
 from companion.config.settings import Settings
 from companion.errors import InputError
 from companion.flight.gate_client import GateClient
+from companion.flight.phase import PhaseMachine
 from companion.flight.tasks import background
 from companion.sensors.drivers.driver import DriverContext, SensorDriver, load_drivers
 from companion.sensors.sink import SensorSink
@@ -37,10 +37,13 @@ class Session:
     sink: SensorSink
     inputs: Synchronizer
     gate: GateClient
+    flight: PhaseMachine
 
 
 @asynccontextmanager
-async def open_session(settings: Settings, clock: Clock, gate: GateClient) -> AsyncIterator[Session]:
+async def open_session(
+    settings: Settings, clock: Clock, gate: GateClient, flight: PhaseMachine
+) -> AsyncIterator[Session]:
     """Connect to the autopilot through the gate and start the sensors; everything ends with the block.
 
     Raises:
@@ -49,15 +52,14 @@ async def open_session(settings: Settings, clock: Clock, gate: GateClient) -> As
         InputError: a driver's settings can never work.
     """
     async with background(gate.run()), MavsdkLink(settings.autopilot, clock, gate.transport) as link:
-        autopilot = settings.autopilot
-        telemetry = Telemetry(link, clock, autopilot.attitude_hz, autopilot.position_hz)
+        telemetry = Telemetry(link, clock, settings)
         sink = SensorSink(clock)
         drivers = load_drivers(settings, DriverContext(clock, link))
-        async with background(telemetry.run(), *(_keep_running(driver, sink) for driver in drivers)):
-            yield Session(settings, clock, link, telemetry, sink, Synchronizer(sink, telemetry.poses), gate)
+        async with background(telemetry.run(), *(_keep_running(driver, sink, clock) for driver in drivers)):
+            yield Session(settings, clock, link, telemetry, sink, Synchronizer(sink, telemetry.poses), gate, flight)
 
 
-async def _keep_running(driver: SensorDriver, sink: SensorSink) -> None:
+async def _keep_running(driver: SensorDriver, sink: SensorSink, clock: Clock) -> None:
     """A driver that fails takes its readings away and nothing else: the vehicle stops until they are back."""
     while True:
         try:
@@ -66,4 +68,4 @@ async def _keep_running(driver: SensorDriver, sink: SensorSink) -> None:
             raise
         except Exception:  # noqa: BLE001 - a driver may be anybody's, and may fail in any way
             _log.exception("sensor driver %s failed; it is started again in %g s", driver.name, DRIVER_REST_S)
-        await asyncio.sleep(DRIVER_REST_S)
+        await clock.sleep(DRIVER_REST_S)

@@ -1,13 +1,12 @@
-"""Why a flight ends, and which of the reasons comes first."""
+"""Reasons to end a flight, the gravest first."""
 
 from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
 
-from companion.autopilot.offboard import HEARTBEAT_LOST_S
 from companion.autopilot.vehicle_state import VehicleState
-from companion.config.mission import MissionSettings
+from companion.config.settings import Settings
 
 BATTERY_SILENT_S = 30.0
 """A battery that was known and has not been for this long may be empty."""
@@ -16,8 +15,8 @@ MAP_SILENT_S = 60.0
 """A map that says nothing for this long will not come back by itself; it is what the flight is for."""
 
 
-class Ending(enum.StrEnum):
-    """Why the exploring ended."""
+class Termination(enum.StrEnum):
+    """Reason for which the exploring ended."""
 
     COMPLETE = "complete"
     """No frontier is left that the vehicle could reach."""
@@ -41,21 +40,21 @@ class Ending(enum.StrEnum):
     @property
     def as_it_should(self) -> bool:
         """Whether the mission did what it was sent for, or what a person asked of it."""
-        return self in (Ending.COMPLETE, Ending.STOPPED)
+        return self in (Termination.COMPLETE, Termination.STOPPED)
 
     @property
     def hands_off(self) -> bool:
         """Whether the vehicle is no longer ours to end the flight of."""
-        return self in (Ending.GATE_LOST, Ending.GATE, Ending.PILOT, Ending.DISARMED)
+        return self in (Termination.GATE_LOST, Termination.GATE, Termination.PILOT, Termination.DISARMED)
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
-    """What decides whether a flight goes on.
+class Conditions:
+    """Conditions on which it depends whether a flight goes on.
 
     Attributes:
         vehicle: the autopilot's last word.
-        pilot_took_over: whether the mode is no longer ours.
+        taken_over: whether a person or a failsafe of the autopilot has the vehicle, so that its mode is not ours.
         gate_took_over: whether the gate says that it holds or lands, so that such a mode is its doing.
         gate_lost: whether the gate is gone.
         stop_asked: whether a person asked for the end.
@@ -67,7 +66,7 @@ class Standing:
     """
 
     vehicle: VehicleState
-    pilot_took_over: bool
+    taken_over: bool
     gate_took_over: bool
     gate_lost: bool
     stop_asked: bool
@@ -78,22 +77,22 @@ class Standing:
     map_silent_s: float
 
 
-def ending(now: Standing, settings: MissionSettings) -> Ending | None:
+def termination(now: Conditions, settings: Settings) -> Termination | None:
     """The reason to end the exploring, the gravest first; None to go on."""
-    vehicle = now.vehicle
+    vehicle, mission = now.vehicle, settings.mission
     battery = vehicle.battery_percent
     reasons = (
-        (Ending.GATE_LOST, now.gate_lost),
-        (Ending.GATE, now.gate_took_over and now.pilot_took_over),
-        (Ending.LINK, vehicle.heartbeat_age_s > HEARTBEAT_LOST_S),
-        (Ending.DISARMED, not vehicle.armed),
-        (Ending.PILOT, now.pilot_took_over),
-        (Ending.BATTERY, battery is not None and battery < settings.battery_low_percent),
-        (Ending.BATTERY, now.battery_silent_s > BATTERY_SILENT_S),
-        (Ending.INPUTS, now.blind_s > settings.input_timeout_s),
-        (Ending.MAP, now.map_silent_s > MAP_SILENT_S),
-        (Ending.STOPPED, now.stop_asked),
-        (Ending.COMPLETE, now.complete),
-        (Ending.TIME, now.flown_s > settings.time_limit_s),
+        (Termination.GATE_LOST, now.gate_lost),
+        (Termination.GATE, now.gate_took_over and now.taken_over),
+        (Termination.LINK, vehicle.heartbeat_age_s > settings.safety.stale.heartbeat_s),
+        (Termination.DISARMED, not vehicle.armed),
+        (Termination.PILOT, now.taken_over),
+        (Termination.BATTERY, battery is not None and battery < mission.battery_low_percent),
+        (Termination.BATTERY, now.battery_silent_s > BATTERY_SILENT_S),
+        (Termination.INPUTS, now.blind_s > mission.input_timeout_s),
+        (Termination.MAP, now.map_silent_s > MAP_SILENT_S),
+        (Termination.STOPPED, now.stop_asked),
+        (Termination.COMPLETE, now.complete),
+        (Termination.TIME, now.flown_s > mission.time_limit_s),
     )
     return next((reason for reason, holds in reasons if holds), None)

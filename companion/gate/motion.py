@@ -5,18 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from companion.mavlink.position_jump import Motion as Six
+from companion.mavlink.position_jump import position_jump_m
+
 LARGEST_M = 1e6
 """No flight leads a thousand kilometres away; a NaN is not smaller either. The same as `companion.model.ABSURD`, whose
 module needs numpy, which the gate does without."""
-LONGEST_GAP_S = 1.0
-"""Over a longer gap nobody can say where a velocity should have led."""
 RESTART_S = 1.0
 """Stamps that go back by more than this, on the ground, are those of an autopilot that started anew."""
 
 _PLACE = ("x", "y", "z")
 _SPEED = ("vx", "vy", "vz")
-
-Six = tuple[float, float, float, float, float, float]
 
 
 class Motion:
@@ -57,7 +56,7 @@ class Motion:
             return
         if self._state is None or state != self._state:
             self._changed_s = now_s
-        if self._state is not None and self._leapt(self._state, state, stamp_s - self._stamp_s):
+        if self._state is not None and position_jump_m(self._state, state, stamp_s - self._stamp_s) > self._jump_m:
             self.jumped_s = now_s
         self._state, self._stamp_s, self.fresh_s = state, stamp_s, now_s
 
@@ -83,9 +82,3 @@ class Motion:
         cos, sin = math.cos(self._yaw_rad), math.sin(self._yaw_rad)
         north_m, east_m, now_down_m = self._state[:3]
         return north_m + forward_m * cos - right_m * sin, east_m + forward_m * sin + right_m * cos, now_down_m + down_m
-
-    def _leapt(self, before: Six, after: Six, dt_s: float) -> bool:
-        if not 0.0 < dt_s < LONGEST_GAP_S:
-            return False
-        off = [after[i] - before[i] - 0.5 * (before[i + 3] + after[i + 3]) * dt_s for i in range(3)]
-        return math.hypot(*off) > self._jump_m

@@ -33,7 +33,8 @@ from foxglove.messages import Pose as PoseMessage
 
 from companion.geometry import quaternion
 from companion.model import CLEAR, HIT, Camera, DepthFrame, Pose, Scan
-from companion.recording.content import Tick, Topic
+from companion.pipeline import Tick
+from companion.recording.content import Topic
 from companion.recording.observation import encode, number
 from companion.recording.process import Load
 
@@ -117,8 +118,8 @@ class Channels:
 
     def tick(self, tick: Tick, count: int, ages_s: dict[str, float], with_frame: bool) -> None:
         """One sampling period, the ``count``-th; its depth image comes first, so that no cut parts the two."""
-        t_ns = self._ns(tick.observation.t_s, self._wall_ns)
-        observation, measurement, setpoint = tick.observation, tick.measurement, tick.setpoint
+        (observation, measurement), setpoint = tick.known(), tick.setpoint
+        t_ns = self._ns(observation.t_s, self._wall_ns)
         if observation.frame is not None and with_frame:
             self._log_frame(observation.frame, t_ns)
         self._observation.log(encode(observation, with_frame), log_time=t_ns)
@@ -127,7 +128,7 @@ class Channels:
                 "number": count,
                 "t_s": number(observation.t_s),
                 "mode": tick.mode.value,
-                "stepped": setpoint is not None if tick.stepped is None else tick.stepped,
+                "stepped": tick.stepped,
                 "sent": tick.sent,
                 "speed_mps": None if setpoint is None else number(setpoint.speed_mps),
                 "climb_mps": None if setpoint is None else number(setpoint.climb_mps),

@@ -12,7 +12,6 @@ import numpy as np
 
 from companion.config.settings import Settings
 from companion.config.show import dump_yaml
-from companion.model import Measurement, Mode, Observation, Setpoint
 
 METADATA = "mine-companion"
 """Name of the metadata record by which a file is known to be ours; it stands before every message."""
@@ -37,32 +36,6 @@ class Topic(enum.StrEnum):
     CALIBRATION = "/depth/camera"
     LOG = "/log"
     PROCESS = "/process"
-
-
-@dataclass(frozen=True, slots=True)
-class Tick:
-    """One sampling period. Arrays in it must not be written to any more: they are encoded later, in another thread.
-
-    Attributes:
-        observation: exactly what the extractor was given.
-        measurement: what it made of that.
-        setpoint: what the navigator wants; ``None`` when nothing is to be sent.
-        mode: the navigator's mode after the tick.
-        sent: whether the setpoint went out to the autopilot.
-        height_m: H, the height above ground that the navigator was to keep.
-        duration_s: from the start of the tick until it was done.
-        stepped: whether the navigator was asked, which changes what it remembers, even where its answer was not used.
-            ``None``: it was when there is a setpoint.
-    """
-
-    observation: Observation
-    measurement: Measurement
-    setpoint: Setpoint | None
-    mode: Mode
-    sent: bool
-    height_m: float
-    duration_s: float
-    stepped: bool | None = None
 
 
 @dataclass(frozen=True, slots=True)

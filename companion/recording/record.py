@@ -12,7 +12,8 @@ from typing import Self
 
 from companion.clock import Clock
 from companion.config.mission import RecordSettings
-from companion.recording.content import FlightInfo, Tick
+from companion.pipeline import Tick
+from companion.recording.content import FlightInfo
 from companion.recording.file import RecordingFile
 from companion.recording.writing import Writing
 
@@ -108,8 +109,8 @@ class Recorder:
             self._thread = None
 
     def tick(self, tick: Tick) -> None:
-        """Record a sampling period."""
-        if not self.recording:
+        """Record a sampling period; one without a pose has nothing that could be flown again, and leaves a gap."""
+        if not self.recording or tick.observation is None:
             return
         with_frame = False
         if tick.observation.frame is not None and self._settings.depth:

@@ -20,8 +20,9 @@ from foxglove.mcap import MCAPWriteOptions, MCAPWriter
 
 from companion.clock import Clock
 from companion.model import Mode
+from companion.pipeline import Tick
 from companion.recording.channels import Channels
-from companion.recording.content import FORMAT, METADATA, FlightInfo, Tick
+from companion.recording.content import FORMAT, METADATA, FlightInfo
 from companion.recording.file import RecordingFile
 from companion.recording.process import LoadMeter
 
@@ -64,15 +65,15 @@ class Writing:
 
     def tick(self, tick: Tick, number: int, with_frame: bool) -> None:
         """One sampling period; of the scan only every half a second, and a change of mode as an event too."""
-        observation = tick.observation
+        observation, measurement = tick.known()
         if tick.mode != self._mode:
             before = "the start" if self._mode is None else self._mode.value
             self.channels.event("mode", f"{before} -> {tick.mode.value}", logging.INFO, observation.t_s)
             self._mode = tick.mode
         self.channels.tick(tick, number, _ages_s(tick), with_frame)
-        if tick.measurement.scan is not None and observation.t_s >= self._next_scan_s:
+        if measurement.scan is not None and observation.t_s >= self._next_scan_s:
             self._next_scan_s = observation.t_s + SCAN_S
-            self.channels.scan(tick.measurement.scan, observation.t_s)
+            self.channels.scan(measurement.scan, observation.t_s)
 
     def event(self, name: str, text: str, level: int) -> None:
         """Something that the recorder itself has to say, now."""
@@ -108,7 +109,7 @@ class Writing:
 
 def _ages_s(tick: Tick) -> dict[str, float]:
     """How old the inputs were when the tick was done, which is when its setpoint went out."""
-    observation, measurement = tick.observation, tick.measurement
+    observation, measurement = tick.known()
     return {
         "depth_age_s": measurement.scan_age_s + tick.duration_s,
         "ranges_age_s": measurement.ranges_age_s + tick.duration_s,

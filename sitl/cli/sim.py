@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from companion.cli.options import Config, Preset
 from companion.config.load import load
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
 from sitl.mines import load_world
@@ -25,8 +26,8 @@ def simulate(
         str, typer.Option(metavar="NAME|MESH", help="complex, slope, room, random, random:K, or a mesh file.")
     ] = "complex",
     seed: Annotated[int, typer.Option(min=0, metavar="N", help="Draws start, noise and every choice.")] = 1,
-    preset: Annotated[str | None, typer.Option(metavar="NAME", help="flight, table_i or table_ii.")] = None,
-    config: Annotated[Path | None, typer.Option(metavar="FILE", help="YAML file with settings.")] = None,
+    preset: Preset = None,
+    config: Config = None,
     time_limit: Annotated[
         float | None, typer.Option(metavar="SECONDS", help="Simulated time; else sim.time_limit_s.")
     ] = None,

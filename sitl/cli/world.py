@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from companion.cli.options import Config, Preset
 from companion.clock import MonotonicClock
 from companion.config.load import load
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
@@ -58,8 +59,8 @@ def world(
         typer.Option(metavar="X Y Z YAW", help="Start in m and rad, instead of the world's own; stands on the floor."),
     ] = None,
     vehicle: Annotated[int, typer.Option(min=1, metavar="K", help=f"Which of several {SEVERAL}.")] = 1,
-    config: Annotated[Path | None, typer.Option(metavar="FILE", help="YAML file with settings.")] = None,
-    preset: Annotated[str | None, typer.Option(metavar="NAME", help="Preset below the file.")] = None,
+    config: Config = None,
+    preset: Preset = None,
     odometry: Annotated[
         Feed, typer.Option(help="Visual odometry for the autopilot, as ODOMETRY or as VISION_POSITION and _SPEED.")
     ] = Feed.NONE,

@@ -15,6 +15,7 @@ import numpy as np
 
 from companion.clock import Clock
 from companion.config.settings import Settings
+from companion.flight.tasks import first_of
 from companion.model import Observation, Pose
 from companion.sensors.drivers.stream_server import StreamServer
 from sitl.scene.render import DepthRenderer
@@ -26,7 +27,7 @@ from sitl.world.mavlink_out import Feed, Outgoing, bins_of_beams, bins_of_planar
 from sitl.world.odometry import Odometry, OdometrySettings
 from sitl.world.placement import Placer, Scene
 from sitl.world.score_files import Trajectory, write_score
-from sitl.world.tasks import every, signals_call, until
+from sitl.world.tasks import every, signals_call
 from sitl.world.truth_messages import TruthKind, TruthReader
 
 log = logging.getLogger(__name__)
@@ -117,14 +118,16 @@ class WorldServer:
             with self._trajectory, signals_call(self.stop):
                 async with StreamServer(self._plan.stream_url, self._camera, self._clock) as server:
                     self._say(self._introduction(server))
-                    await until(
-                        self._stop,
+                    ended = await first_of(
+                        self._stop.wait(),
                         self._connection.run(),
                         self._render(renderer, server),
                         every(SEND_S, lambda: self._handshake.send_due(self._clock.now_s())),
                         every(SCORE_S, self._keep_score, at_once=False),
                         every(STATUS_S, lambda: self._say_status(server), at_once=False),
                     )
+                    for one in ended:
+                        one.result()
         except BaseException as error:
             self.ended_because = self.ended_because or f"error: {error or type(error).__name__}"
             raise

@@ -1,28 +1,13 @@
-"""Running several things until one of them ends, or a person ends them."""
+"""What runs again and again, until a person ends it."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import signal
-from collections.abc import Callable, Coroutine, Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
 
 INTERRUPTED, TERMINATED = "interrupted", "terminated"
-
-
-async def until(stop: asyncio.Event, *works: Coroutine[Any, Any, None]) -> None:
-    """Runs everything until ``stop`` is set or one of them ends; raises what that one raised. None is left behind."""
-    tasks: list[asyncio.Future[Any]] = [asyncio.create_task(work) for work in works]
-    tasks.append(asyncio.ensure_future(stop.wait()))
-    try:
-        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        for task in done:
-            task.result()
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 async def every(period_s: float, action: Callable[[], None], at_once: bool = True) -> None:

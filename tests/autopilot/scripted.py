@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 from typing import Any
 
@@ -72,6 +71,7 @@ class ScriptedAutopilot:
         link.params.setdefault("MIS_TAKEOFF_ALT", 2.5)
         link.answer = self._command
         link.on_send = self._send
+        clock.pass_by = self._pass_by
 
     def at(self, after_s: float, what: Callable[[], None]) -> None:
         """Something happens some time from now."""
@@ -90,15 +90,13 @@ class ScriptedAutopilot:
         """A STATUSTEXT."""
         self.link.deliver("STATUSTEXT", {"severity": 2, "text": text})
 
-    async def sleep(self, time_s: float) -> None:
-        """Time passes, for the vehicle and for everybody else."""
+    def _pass_by(self, time_s: float) -> None:
         until_s = self.clock.now_s() + time_s
-        while self.clock.now_s() < until_s - 1e-9:
-            self.clock.advance(min(STEP_S, until_s - self.clock.now_s()))
-            self._step(STEP_S)
-            await asyncio.sleep(0)
+        while (left_s := until_s - self.clock.now_s()) > 1e-9:
+            self._step(min(STEP_S, left_s))
 
     def _step(self, dt_s: float) -> None:
+        self.clock.advance(dt_s)
         now_s = self.clock.now_s()
         for event in [event for event in self.events if event[0] <= now_s]:
             self.events.remove(event)

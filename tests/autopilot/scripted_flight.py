@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Callable, Coroutine
 from typing import Any
 
 from companion.autopilot.telemetry import Telemetry
@@ -27,8 +25,8 @@ class Flight:
         self.link = ScriptedLink(self.clock, kind)
         self.autopilot = ScriptedAutopilot(self.link, self.clock)
         self.settings = Settings.model_validate({"autopilot": {"gps": gps}, "mission": {"end_action": end}})
-        self.telemetry = Telemetry(self.link, self.clock)
-        self.vehicle = Vehicle(self.link, self.telemetry, self.settings, self.clock, self.autopilot.sleep)
+        self.telemetry = Telemetry(self.link, self.clock, self.settings)
+        self.vehicle = Vehicle(self.link, self.telemetry, self.settings, self.clock)
         self.autopilot.heartbeat()
 
     async def up(self) -> None:
@@ -46,7 +44,7 @@ class Flight:
         until_s = self.clock.now_s() + time_s
         while self.clock.now_s() < until_s:
             went.append(self.vehicle.send(Setpoint(self.clock.now_s(), speed_mps, 0.0, 0.0)))
-            await self.autopilot.sleep(0.05)
+            await self.clock.sleep(0.05)
         return went
 
     @property
@@ -58,8 +56,3 @@ class Flight:
     def modes_asked(self) -> list[tuple[float, ...]]:
         """The parameters of all commands that ask for a mode."""
         return [params for command, params in self.link.commands if command == 176]
-
-
-def fly(flight: Callable[[], Coroutine[Any, Any, None]]) -> None:
-    """Run a flight in a loop of its own; real time only ends what hangs."""
-    asyncio.run(asyncio.wait_for(flight(), 20.0))

@@ -7,166 +7,126 @@ import pytest
 from companion.autopilot.vehicle import FlightError
 from companion.mavlink.firmware import AutopilotKind
 from tests.autopilot import scripted
-from tests.autopilot.scripted_flight import ARDUPILOT, H_M, KINDS, PX4, Flight, fly
+from tests.autopilot.scripted_flight import ARDUPILOT, H_M, KINDS, PX4, Flight
 
 
 @pytest.mark.parametrize("gps", [True, False])
 @pytest.mark.parametrize("kind", KINDS)
-def test_take_off_ends_at_the_measured_height_and_setpoints_then_steer(kind: AutopilotKind, gps: bool) -> None:
+async def test_take_off_ends_at_the_measured_height_and_setpoints_then_steer(kind: AutopilotKind, gps: bool) -> None:
     """The whole way on each autopilot: the height is reached and kept for a second before take_off returns."""
-
-    async def flight() -> None:
-        one = Flight(kind, gps)
-        async with one.vehicle as vehicle:
-            await one.up()
-            measured_m = one.autopilot.measured_m()
-            assert measured_m is not None
-            assert abs(measured_m - H_M) <= 0.2
-            assert one.autopilot.armed
-            await vehicle.engage()
-            assert vehicle.engaged
-            assert all(await one.cruise(2.0))
-            assert one.autopilot.mode == (scripted.PX4_OFFBOARD if kind is PX4 else scripted.GUIDED)
-            last = one.setpoints[-1]
-            assert (last["coordinate_frame"], last["type_mask"]) == (8, 0x5C7)
-            assert (last["vx"], last["vy"]) == (0.5, 0.0)
-            assert await vehicle.land()
-        assert not one.autopilot.armed
-
-    fly(flight)
+    one = Flight(kind, gps)
+    async with one.vehicle as vehicle:
+        await one.up()
+        measured_m = one.autopilot.measured_m()
+        assert measured_m is not None
+        assert abs(measured_m - H_M) <= 0.2
+        assert one.autopilot.armed
+        await vehicle.engage()
+        assert vehicle.engaged
+        assert all(await one.cruise(2.0))
+        assert one.autopilot.mode == (scripted.PX4_OFFBOARD if kind is PX4 else scripted.GUIDED)
+        last = one.setpoints[-1]
+        assert (last["coordinate_frame"], last["type_mask"]) == (8, 0x5C7)
+        assert (last["vx"], last["vy"]) == (0.5, 0.0)
+        assert await vehicle.land()
+    assert not one.autopilot.armed
 
 
-def test_hold_is_not_height_reached() -> None:
+async def test_hold_is_not_height_reached() -> None:
     """PX4 reports hold at 0.6 of the height; the rest is climbed by our own setpoints."""
-
-    async def flight() -> None:
-        one = Flight(PX4)
-        one.autopilot.ends_take_off_at = 0.6
-        async with one.vehicle:
-            await one.up()
-            measured_m = one.autopilot.measured_m()
-            assert measured_m is not None
-            assert abs(measured_m - H_M) <= 0.2
-            assert one.vehicle.engaged
-
-    fly(flight)
+    one = Flight(PX4)
+    one.autopilot.ends_take_off_at = 0.6
+    async with one.vehicle:
+        await one.up()
+        measured_m = one.autopilot.measured_m()
+        assert measured_m is not None
+        assert abs(measured_m - H_M) <= 0.2
+        assert one.vehicle.engaged
 
 
-def test_no_setpoint_goes_out_before_ardupilot_flies() -> None:
+async def test_no_setpoint_goes_out_before_ardupilot_flies() -> None:
     """Velocity setpoints before the take-off suppress it; brake is not armable, so guided comes first."""
-
-    async def flight() -> None:
-        one = Flight(ARDUPILOT)
-        async with one.vehicle:
-            await one.up()
-            assert one.setpoints == []
-            assert not one.autopilot.suppressed
-            assert [command for command, _ in one.link.commands] == [176, 400, 22]
-            assert one.link.commands[2][1][6] == H_M
-
-    fly(flight)
+    one = Flight(ARDUPILOT)
+    async with one.vehicle:
+        await one.up()
+        assert one.setpoints == []
+        assert not one.autopilot.suppressed
+        assert [command for command, _ in one.link.commands] == [176, 400, 22]
+        assert one.link.commands[2][1][6] == H_M
 
 
-def test_px4_without_gps_is_told_an_origin_and_arms_in_offboard() -> None:
+async def test_px4_without_gps_is_told_an_origin_and_arms_in_offboard() -> None:
     """Protects the take-off underground: PX4 cannot hold without a global origin, so it must not be asked to."""
-
-    async def flight() -> None:
-        one = Flight(PX4, gps=False)
-        one.autopilot.hold_allowed = False
-        async with one.vehicle:
-            await one.up()
-            origin = one.link.sent_named("SET_GPS_GLOBAL_ORIGIN")
-            assert len(origin) == 1
-            assert origin[0]["latitude"] != 0
-            assert [command for command, _ in one.link.commands] == [176, 400]
-            assert one.modes_asked == [(1.0, 6.0, 0.0)]
-
-    fly(flight)
+    one = Flight(PX4, gps=False)
+    one.autopilot.hold_allowed = False
+    async with one.vehicle:
+        await one.up()
+        origin = one.link.sent_named("SET_GPS_GLOBAL_ORIGIN")
+        assert len(origin) == 1
+        assert origin[0]["latitude"] != 0
+        assert [command for command, _ in one.link.commands] == [176, 400]
+        assert one.modes_asked == [(1.0, 6.0, 0.0)]
 
 
-def test_a_refusal_to_arm_is_told_in_the_autopilots_words() -> None:
+async def test_a_refusal_to_arm_is_told_in_the_autopilots_words() -> None:
     """Protects the person who looks for the reason: what the autopilot said last, and nothing from long before."""
-
-    async def flight() -> None:
-        one = Flight(ARDUPILOT)
-        one.autopilot.refuses_to_arm = ["PreArm: Gyros inconsistent"] * 100
-        one.autopilot.say("said long before")
-        with pytest.raises(FlightError, match=r"refuses to arm \(failed\).*said: PreArm: Gyros inconsistent$"):
-            async with one.vehicle:
-                await one.up()
-        assert not one.autopilot.armed
-        assert one.modes_asked == [(1.0, 4.0, 0.0)], "nothing to hold or land: it never armed"
-
-    fly(flight)
-
-
-def test_a_reason_not_to_arm_may_pass() -> None:
-    """Protects the start from reasons that are gone a moment later."""
-
-    async def flight() -> None:
-        one = Flight(ARDUPILOT)
-        one.autopilot.refuses_to_arm = ["AHRS: waiting for home"] * 2
+    one = Flight(ARDUPILOT)
+    one.autopilot.refuses_to_arm = ["PreArm: Gyros inconsistent"] * 100
+    one.autopilot.say("said long before")
+    with pytest.raises(FlightError, match=r"refuses to arm \(failed\).*said: PreArm: Gyros inconsistent$"):
         async with one.vehicle:
             await one.up()
-            assert one.autopilot.armed
+    assert not one.autopilot.armed
+    assert one.modes_asked == [(1.0, 4.0, 0.0)], "nothing to hold or land: it never armed"
 
-    fly(flight)
+
+async def test_a_reason_not_to_arm_may_pass() -> None:
+    """Protects the start from reasons that are gone a moment later."""
+    one = Flight(ARDUPILOT)
+    one.autopilot.refuses_to_arm = ["AHRS: waiting for home"] * 2
+    async with one.vehicle:
+        await one.up()
+        assert one.autopilot.armed
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_vehicle_that_does_not_lift_is_an_error_and_is_disarmed(kind: AutopilotKind) -> None:
+async def test_a_vehicle_that_does_not_lift_is_an_error_and_is_disarmed(kind: AutopilotKind) -> None:
     """Protects against waiting for a height that does not come, with propellers that turn."""
-
-    async def flight() -> None:
-        one = Flight(kind)
-        one.autopilot.lifts = False
-        with pytest.raises(FlightError, match="disarmed before the height was reached"):
-            async with one.vehicle:
-                await one.up()
-        assert not one.autopilot.armed
-
-    fly(flight)
+    one = Flight(kind)
+    one.autopilot.lifts = False
+    with pytest.raises(FlightError, match="disarmed before the height was reached"):
+        async with one.vehicle:
+            await one.up()
+    assert not one.autopilot.armed
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_after_a_refused_take_off_the_vehicle_is_disarmed_where_it_stands(kind: AutopilotKind) -> None:
+async def test_after_a_refused_take_off_the_vehicle_is_disarmed_where_it_stands(kind: AutopilotKind) -> None:
     """Protects the people beside a vehicle that is armed and will not fly."""
-
-    async def flight() -> None:
-        one = Flight(kind)
-        one.autopilot.refuses_to_take_off = True
-        with pytest.raises(FlightError, match=r"refuses to take off \(denied\)"):
-            async with one.vehicle:
-                await one.up()
-        assert not one.autopilot.armed
-        assert one.link.commands[-1] == (400, (0.0,)), "disarmed, and nothing else was tried"
-
-    fly(flight)
+    one = Flight(kind)
+    one.autopilot.refuses_to_take_off = True
+    with pytest.raises(FlightError, match=r"refuses to take off \(denied\)"):
+        async with one.vehicle:
+            await one.up()
+    assert not one.autopilot.armed
+    assert one.link.commands[-1] == (400, (0.0,)), "disarmed, and nothing else was tried"
 
 
-def test_a_height_that_is_never_measured_is_not_reached() -> None:
+async def test_a_height_that_is_never_measured_is_not_reached() -> None:
     """Missing is not zero, and an autopilot in hold is no height."""
-
-    async def flight() -> None:
-        one = Flight(PX4)
-        with pytest.raises(FlightError, match="not reached within 40 s: the height is not measured"):
-            async with one.vehicle as vehicle:
-                await vehicle.take_off(H_M, lambda: None)
-        assert one.autopilot.mode == scripted.PX4_LAND
-
-    fly(flight)
+    one = Flight(PX4)
+    with pytest.raises(FlightError, match="not reached within 40 s: the height is not measured"):
+        async with one.vehicle as vehicle:
+            await vehicle.take_off(H_M, lambda: None)
+    assert one.autopilot.mode == scripted.PX4_LAND
 
 
-def test_a_vehicle_that_is_armed_already_is_left_alone() -> None:
+async def test_a_vehicle_that_is_armed_already_is_left_alone() -> None:
     """Protects a flight that is somebody else's."""
-
-    async def flight() -> None:
-        one = Flight(PX4)
-        one.autopilot.armed = True
-        one.autopilot.heartbeat()
-        with pytest.raises(FlightError, match="armed already"):
-            async with one.vehicle:
-                await one.up()
-        assert one.link.commands == []
-
-    fly(flight)
+    one = Flight(PX4)
+    one.autopilot.armed = True
+    one.autopilot.heartbeat()
+    with pytest.raises(FlightError, match="armed already"):
+        async with one.vehicle:
+            await one.up()
+    assert one.link.commands == []

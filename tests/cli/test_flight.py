@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import pytest
 
 from companion.cli import main as cli
 from companion.config.load import load_settings
-from companion.config.settings import Settings
-from companion.flight import launch as handover
+from companion.flight import launch
+from companion.flight.request import FlightRequest
 from tests.recording.flights import fly_in_room
 
 
@@ -60,58 +57,38 @@ def test_settings_that_cannot_be_used_are_refused_before_anything_starts(
     assert "expected udpin://" in message
 
 
-@dataclass
-class Handed:
-    """What would have been handed over to the gate."""
-
-    settings: Settings
-    words: Sequence[str]
-    restart_words: Sequence[str] | None
-
-
 @pytest.fixture
-def handed(monkeypatch: pytest.MonkeyPatch) -> list[Handed]:
-    found: list[Handed] = []
+def handed(monkeypatch: pytest.MonkeyPatch) -> list[FlightRequest]:
+    """What would have been handed over to the gate."""
+    found: list[FlightRequest] = []
 
-    def become(*arguments: Any) -> NoReturn:
-        found.append(Handed(*arguments))
+    def become(request: FlightRequest) -> NoReturn:
+        found.append(request)
         raise SystemExit(0)
 
-    monkeypatch.setattr(handover, "become_the_gate", become)
+    monkeypatch.setattr(launch, "become_the_gate", become)
     return found
 
 
-def test_a_flight_is_handed_to_the_gate_as_it_was_ordered(handed: list[Handed], tmp_path: Path) -> None:
+def test_a_flight_is_handed_to_the_gate_as_it_was_ordered(handed: list[FlightRequest], tmp_path: Path) -> None:
     file = tmp_path / "vehicle.yaml"
     file.write_text("preset: table_ii\ncontrol:\n  speed_law: governor\n")
     words = ("--seed", "4", "--fix", "--skip", "battery", "--skip", "depth", "--start", "now")
-    assert exit_code("run", "--config", str(file), *words) == 0
-    (flight,) = handed
-    assert flight.settings.mission.start == "now"
-    assert flight.settings.control == load_settings(file).control
-    assert list(flight.words) == [
-        *("run", "--preset", "table_ii", "--seed", "4", "--fix", "--skip=battery", "--skip=depth")
-    ]
+    assert exit_code("run", "--config", str(file), *words, "--resume-map", str(tmp_path / "." / "earlier")) == 0
+    asked = FlightRequest(
+        "run", load_settings(file), "table_ii", 4, fix=True, skip=("battery", "depth"), resume_map=tmp_path / "earlier"
+    )
+    assert handed == [asked.started_by("now")]
 
 
-@pytest.mark.parametrize(("terminal", "by"), [(True, "key"), (False, "command")])
-def test_after_a_death_nothing_flies_by_itself(
-    terminal: bool, by: str, handed: list[Handed], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Protects whoever walks to a vehicle that has just landed without being asked to."""
-    monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda: terminal))
-    assert exit_code("run", "--start", "now", "--seed", "4") == 0
-    assert handed[0].restart_words == [*handed[0].words, "--start", by]
-
-
-def test_a_check_is_handed_over_and_never_made_again(handed: list[Handed]) -> None:
+def test_a_check_is_handed_over(handed: list[FlightRequest]) -> None:
     assert exit_code("check", "--fix") == 0
-    assert handed == [Handed(load_settings(), ["check", "--preset", "flight", "--fix"], None)]
+    assert handed == [FlightRequest("check", load_settings(), "flight", fix=True)]
 
 
 @pytest.mark.parametrize("command", ["check", "run"])
 def test_a_configuration_in_which_a_wall_can_be_reached_is_refused(
-    command: str, handed: list[Handed], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    command: str, handed: list[FlightRequest], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "vehicle.yaml"
     file.write_text("safety:\n  stale:\n    depth_s: 5.0\n")

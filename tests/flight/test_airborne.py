@@ -11,39 +11,38 @@ from typing import Any, Self
 import pytest
 
 from companion.config.load import load_settings
-from companion.flight.airborne import InTheAir
+from companion.flight.airborne import Airborne
+from companion.flight.events import Event, EventEmitter
 from companion.flight.gate_client import GateClient, GateLostError, GateTookOverError
-from companion.flight.operator_commands import InterruptedFlightError, Orders
-from companion.flight.termination import Ending
+from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands
+from companion.flight.phase import FlightPhase, PhaseMachine
+from companion.flight.termination import Termination
 from companion.gate.faults import Fault, Stage
 from companion.gate.protocol import Notice, Phase
 from companion.mavlink.firmware import AutopilotKind
 from tests.autopilot.fake_link import HandClock
 from tests.flight.fake_gate import FakeGate
 from tests.flight.test_reporting import STATUS
-from tests.flight.test_termination import standing
+from tests.flight.test_termination import conditions
 
 
 class Vehicle:
     """Does what it is told, and notes it; hangs in the manoeuvre that the test names."""
 
-    def __init__(self, gate: GateClient) -> None:
+    def __init__(self, gate: GateClient, clock: HandClock) -> None:
         self.told: list[tuple[str, Phase]] = []
         self.hangs = ""
         self.patience_s = 60.0
-        self.foreign_mode: str | None = None
+        self.taken_over: str | None = None
         self.mode, self.armed = "hold", True
         self.leaves_in = "land"
         self._gate = gate
-
-    @property
-    def pilot_took_over(self) -> bool:
-        return self.foreign_mode is not None
+        self._clock = clock
 
     async def _do(self, what: str) -> None:
         self.told.append((what, self._gate.phase))
         if self.hangs == what:
-            await asyncio.sleep(self.patience_s)
+            await self._clock.sleep(self.patience_s)
 
     async def take_off(self, *_: object) -> None:
         await self._do("take off")
@@ -66,15 +65,15 @@ class Vehicle:
             self.mode = self.leaves_in
 
 
-class Pilot:
+class ControlLoop:
     """Ticks, until the test has it fail."""
 
-    def __init__(self, gate: GateClient, vehicle: Vehicle) -> None:
-        self.exploring = False
+    def __init__(self, gate: GateClient, flight: PhaseMachine, clock: HandClock) -> None:
         self.fresh_s = 0.0
         self.fails = False
         self._gate = gate
-        self._vehicle = vehicle
+        self._flight = flight
+        self._clock = clock
 
     def measured_height_m(self) -> float:
         return 1.5
@@ -82,10 +81,10 @@ class Pilot:
     async def run(self) -> None:
         while True:
             self._gate.look()
-            if self.fails and self.exploring:
+            if self.fails and self._flight.phase is FlightPhase.EXPLORING:
                 raise ZeroDivisionError
             self._gate.ticked(1.0, None, None)
-            await asyncio.sleep(0.01)
+            await self._clock.sleep(0.05)
 
 
 class Stand:
@@ -93,52 +92,51 @@ class Stand:
 
     def __init__(self, gate: FakeGate) -> None:
         self.gate = gate
-        self.talk = GateClient(gate.link, HandClock(), lambda _: None)
-        self.vehicle = Vehicle(self.talk)
-        self.pilot = Pilot(self.talk, self.vehicle)
-        self.orders = Orders(by_command=False)
+        self.phases = PhaseMachine()
+        self.clock = HandClock()
+        self.talk = GateClient(gate.link, self.clock, EventEmitter(), self.phases)
+        self.vehicle = Vehicle(self.talk, self.clock)
+        self.control_loop = ControlLoop(self.talk, self.phases, self.clock)
+        self.operator = OperatorCommands(by_command=False, flight=self.phases)
         self.status = STATUS
-        self.ended: list[tuple[Ending, str]] = []
-        announcements = SimpleNamespace(phase=lambda _: None, ended=lambda *told: self.ended.append(told))
+        self.events: list[tuple[Event, dict[str, object]]] = []
+        emitter = EventEmitter(lambda event, details: self.events.append((event, dict(details))))
         session = SimpleNamespace(
             settings=load_settings(),
-            clock=SimpleNamespace(now_s=lambda: 0.0),
+            clock=self.clock,
             link=SimpleNamespace(kind=AutopilotKind.PX4),
             telemetry=SimpleNamespace(state=self._state),
             gate=self.talk,
+            flight=self.phases,
         )
-        parts: Any = (session, self.orders, self.vehicle, self.pilot, self, announcements)
-        self.flight = InTheAir(*parts)
+        parts: Any = (session, self.operator, self.vehicle, self.control_loop, self, emitter)
+        self.flight = Airborne(*parts)
 
     def _state(self, _: float) -> object:
-        return replace(standing().vehicle, armed=self.vehicle.armed, mode=self.vehicle.mode)
+        return replace(conditions().vehicle, armed=self.vehicle.armed, mode=self.vehicle.mode)
 
     async def _meanwhile(self, what: str) -> None:
-        await asyncio.sleep(0.3)
+        await self.clock.sleep(0.3)
         if what == "complete":
             self.status = replace(STATUS, complete=True)
         elif what == "stop":
-            self.orders.stop.set()
+            self.operator.stop.set()
         elif what == "gate dies":
             self.gate.die()
         elif what == "gate holds":
             self.gate.notify(Notice(Stage.HOLD, Fault.DEPTH_STALE, "hold: depth_stale"))
-            await asyncio.sleep(0.1)
-            self.vehicle.foreign_mode = "hold"
+            await self.clock.sleep(0.1)
+            self.vehicle.taken_over = "hold"
         elif what == "tick fails":
-            self.pilot.fails = True
+            self.control_loop.fails = True
 
-    def fly(self, what: str) -> Ending:
+    async def fly(self, what: str) -> Termination:
         """One flight in which this happens soon after the take-off."""
-
-        async def flight() -> Ending:
-            happening = asyncio.create_task(self._meanwhile(what))
-            try:
-                return await asyncio.wait_for(self.flight.run(), 10.0)
-            finally:
-                happening.cancel()
-
-        return asyncio.run(flight())
+        happening = asyncio.create_task(self._meanwhile(what))
+        try:
+            return await self.flight.run()
+        finally:
+            happening.cancel()
 
     @property
     def told(self) -> list[str]:
@@ -151,8 +149,8 @@ def stand() -> Iterator[Stand]:
         yield Stand(gate)
 
 
-def test_the_gate_knows_what_is_to_be_expected_at_every_time(stand: Stand) -> None:
-    assert stand.fly("complete") is Ending.COMPLETE
+async def test_the_gate_knows_what_is_to_be_expected_at_every_time(stand: Stand) -> None:
+    assert await stand.fly("complete") is Termination.COMPLETE
     assert stand.vehicle.told == [
         ("take off", Phase.CLIMBING),
         ("engage", Phase.CLIMBING),
@@ -164,62 +162,63 @@ def test_the_gate_knows_what_is_to_be_expected_at_every_time(stand: Stand) -> No
     assert [phase for phase in phases if phase is not Phase.ENDING] == [Phase.CLIMBING, Phase.EXPLORING, Phase.ENDED]
 
 
-def test_when_the_gate_dies_nothing_more_is_tried(stand: Stand) -> None:
-    assert stand.fly("gate dies") is Ending.GATE_LOST
+async def test_when_the_gate_dies_nothing_more_is_tried(stand: Stand) -> None:
+    assert await stand.fly("gate dies") is Termination.GATE_LOST
     assert "land" not in stand.told
-    assert not stand.pilot.exploring
+    assert stand.phases.phase is FlightPhase.ENDED
 
 
 @pytest.mark.parametrize("hangs", ["take off", "engage"])
-def test_when_the_gate_dies_during_the_take_off_it_is_over_at_once(hangs: str, stand: Stand) -> None:
+async def test_when_the_gate_dies_during_the_take_off_it_is_over_at_once(hangs: str, stand: Stand) -> None:
     stand.vehicle.hangs = hangs
     with pytest.raises(GateLostError, match="gate lost"):
-        stand.fly("gate dies")
+        await stand.fly("gate dies")
     assert stand.told[-1] == "leave"
 
 
-def test_when_the_gate_holds_hands_are_off_and_it_is_named(stand: Stand) -> None:
-    assert stand.fly("gate holds") is Ending.GATE
-    assert stand.ended == [(Ending.GATE, "hold: depth_stale")]
+async def test_when_the_gate_holds_hands_are_off_and_it_is_named(stand: Stand) -> None:
+    assert await stand.fly("gate holds") is Termination.GATE
+    why, end = "gate took over hold: depth_stale", "gate took over"
+    assert stand.events[-1] == (Event.ENDED_EARLY, {"why": why, "end": end, "then": "hands off"})
     assert "land" not in stand.told
     assert stand.talk.phase is Phase.ENDED
 
 
-def test_a_take_off_that_the_gate_ends_is_named_as_that(stand: Stand) -> None:
+async def test_a_take_off_that_the_gate_ends_is_named_as_that(stand: Stand) -> None:
     """On PX4 hold is a mode of the take-off too: without its word the climb would be waited for."""
     stand.vehicle.hangs = "take off"
     with pytest.raises(GateTookOverError, match="during the take-off: hold: depth_stale"):
-        stand.fly("gate holds")
+        await stand.fly("gate holds")
     assert stand.told == ["take off", "leave"]
 
 
-def test_a_landing_is_not_broken_off_by_the_gate(stand: Stand) -> None:
+async def test_a_landing_is_not_broken_off_by_the_gate(stand: Stand) -> None:
     """It would be told to land once more, by whoever has just stopped waiting for it."""
     stand.vehicle.hangs, stand.vehicle.patience_s = "land", 0.5
     stand.status = replace(STATUS, complete=True)
-    assert stand.fly("gate holds") is Ending.COMPLETE
+    assert await stand.fly("gate holds") is Termination.COMPLETE
     assert stand.told == ["take off", "engage", "land", "leave"]
 
 
-def test_a_stop_in_the_take_off_breaks_it_off(stand: Stand) -> None:
+async def test_a_stop_in_the_take_off_breaks_it_off(stand: Stand) -> None:
     stand.vehicle.hangs = "take off"
     with pytest.raises(InterruptedFlightError):
-        stand.fly("stop")
+        await stand.fly("stop")
     assert stand.told == ["take off", "leave"]
     assert dict(stand.vehicle.told)["leave"] is Phase.ENDING
 
 
-def test_an_exception_in_a_tick_leaves_the_vehicle_landing_and_is_seen(stand: Stand) -> None:
+async def test_an_exception_in_a_tick_leaves_the_vehicle_landing_and_is_seen(stand: Stand) -> None:
     with pytest.raises(ZeroDivisionError):
-        stand.fly("tick fails")
+        await stand.fly("tick fails")
     assert stand.told[-1] == "leave"
     assert stand.talk.phase is Phase.ENDED, "the map may be written in peace"
 
 
-def test_a_vehicle_that_could_not_be_left_in_order_stays_the_gates_business(stand: Stand) -> None:
+async def test_a_vehicle_that_could_not_be_left_in_order_stays_the_gates_business(stand: Stand) -> None:
     """Else nobody would stop a vehicle that flies on in offboard while the map is written."""
     stand.vehicle.leaves_in = "offboard"
     with pytest.raises(ZeroDivisionError):
-        stand.fly("tick fails")
+        await stand.fly("tick fails")
     assert stand.talk.phase is Phase.ENDING
     assert Phase.ENDED not in {beat.phase for beat in stand.gate.beats()}

@@ -8,31 +8,31 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from companion.config.autopilot import AutopilotSettings
 from companion.config.load import load_settings
-from companion.config.settings import Settings
 from companion.errors import InputError
-from companion.flight import __main__ as flight_process
-from companion.flight import mission as app
+from companion.flight import __main__ as application
+from companion.flight import mission
 from companion.flight.gate_socket import GateSocket
-from companion.flight.launch import sealed
 from companion.flight.operator_commands import InterruptedFlightError
 from companion.flight.preflight import CheckResult
-from companion.flight.preflight.run import Options
+from companion.flight.request import FlightRequest, sealed
 from companion.gate.protocol import GATE_FD, Goodbye
 from tests.flight.fake_gate import FakeGate
 
 SETTINGS = load_settings()
+FLIGHT = FlightRequest("run", SETTINGS, "flight")
 
 
 @contextmanager
-def handed(settings: Settings = SETTINGS) -> Iterator[str]:
-    """Settings in sealed memory, as a file descriptor's number."""
-    number = sealed("test-settings", settings.model_dump_json())
+def handed(request: FlightRequest) -> Iterator[str]:
+    """A request in sealed memory, as a file descriptor's number."""
+    number = request.sealed()
     try:
         yield str(number)
     finally:
@@ -58,7 +58,7 @@ def gate(monkeypatch: pytest.MonkeyPatch) -> Iterator[FakeGate]:
 def test_without_a_gate_nothing_runs(capfd: pytest.CaptureFixture[str]) -> None:
     """Protects the one promise of the gate: that nothing reaches the vehicle which it has not checked."""
     environment = {key: value for key, value in os.environ.items() if key != GATE_FD}
-    command = [sys.executable, "-m", "companion.flight", "run", "--settings-fd", "0", "--preset", "flight"]
+    command = [sys.executable, "-m", "companion.flight", "--request-fd", "0"]
     ended = subprocess.run(command, env=environment, check=False, timeout=60.0)
     assert ended.returncode == 2
     assert "companion run" in capfd.readouterr().err
@@ -68,8 +68,8 @@ def test_without_an_autopilot_it_says_where_the_gate_looked_and_goodbye() -> Non
     """The address behind the gate means nothing to a person: the one in the settings does."""
     url = "udpin://127.0.0.1:14599"
     quick = SETTINGS.model_copy(update={"autopilot": AutopilotSettings(url=url, connect_timeout_s=0.5)})
-    with FakeGate() as fake, handed(quick) as number:
-        ended = fake.run("check", "--settings-fd", number, "--preset", "flight", inherit=(int(number),))
+    with FakeGate() as fake, handed(FlightRequest("check", quick, "flight")) as number:
+        ended = fake.run("--request-fd", number, inherit=(int(number),))
         assert ended.returncode == 1, ended.stderr
         assert f"on {url} within 0.5 s" in ended.stderr
         assert "Traceback" not in ended.stderr
@@ -80,9 +80,9 @@ def test_a_gate_that_dies_before_the_flight_ends_the_application() -> None:
     patient = SETTINGS.model_copy(
         update={"autopilot": AutopilotSettings(url="udpin://127.0.0.1:14599", connect_timeout_s=60.0)}
     )
-    with FakeGate() as fake, handed(patient) as number:
+    with FakeGate() as fake, handed(FlightRequest("check", patient, "flight")) as number:
         fake.die()
-        ended = fake.run("check", "--settings-fd", number, "--preset", "flight", inherit=(int(number),), timeout_s=45.0)
+        ended = fake.run("--request-fd", number, inherit=(int(number),), timeout_s=45.0)
     assert ended.returncode == 1
     assert "the safety gate is gone" in ended.stderr
 
@@ -115,9 +115,9 @@ def test_every_end_in_words_has_its_exit_code_and_a_goodbye(
             raise end
         return end
 
-    monkeypatch.setattr(app, "fly", fly)
-    with handed() as number:
-        assert flight_process.main(["run", "--settings-fd", number, "--preset", "flight"]) == code
+    monkeypatch.setattr(mission, "fly", fly)
+    with handed(FLIGHT) as number:
+        assert application.main(["--request-fd", number]) == code
     assert gate.heard() == [Goodbye(code)]
     assert said in capsys.readouterr().err
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_IGN, "a late signal makes no death of a good end"
@@ -129,9 +129,9 @@ def test_an_error_that_nobody_expected_says_no_goodbye(gate: FakeGate, monkeypat
     async def fly(*_: object) -> dict[str, Any]:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(app, "fly", fly)
-    with handed() as number, pytest.raises(ZeroDivisionError):
-        flight_process.main(["run", "--settings-fd", number, "--preset", "flight"])
+    monkeypatch.setattr(mission, "fly", fly)
+    with handed(FLIGHT) as number, pytest.raises(ZeroDivisionError):
+        application.main(["--request-fd", number])
     assert gate.heard() == []
 
 
@@ -142,39 +142,37 @@ def test_checks_decide_the_exit_code(
     async def check(*_: object) -> list[CheckResult]:
         return [CheckResult("link", ok, "0.1 s", "below 3 s", "why")]
 
-    monkeypatch.setattr(app, "check", check)
-    with handed() as number:
-        assert flight_process.main(["check", "--settings-fd", number, "--preset", "flight"]) == code
+    monkeypatch.setattr(mission, "check", check)
+    with handed(replace(FLIGHT, what="check")) as number:
+        assert application.main(["--request-fd", number]) == code
     assert gate.heard() == [Goodbye(code)]
     output = capsys.readouterr()
     assert "link" in output.out
     assert ("link" in output.err) is not ok
 
 
-def test_what_stands_on_the_command_line_reaches_the_flight(gate: FakeGate, monkeypatch: pytest.MonkeyPatch) -> None:
-    """After a death it is started with --start: what flew by itself before must not do so again."""
-    found: list[tuple[Settings, Options, GateSocket]] = []
+def test_what_was_asked_reaches_the_flight(gate: FakeGate, monkeypatch: pytest.MonkeyPatch) -> None:
+    found: list[tuple[FlightRequest, GateSocket]] = []
 
-    async def fly(settings: Settings, options: Options, link: GateSocket, *_: object) -> dict[str, Any]:
-        found.append((settings, options, link))
+    async def fly(request: FlightRequest, link: GateSocket, *_: object) -> dict[str, Any]:
+        found.append((request, link))
         return summary()
 
-    monkeypatch.setattr(app, "fly", fly)
-    now = SETTINGS.model_copy(update={"mission": SETTINGS.mission.model_copy(update={"start": "now"})})
-    words = ("--preset", "table_i", "--seed", "7", "--fix", "--skip=depth", "--skip=-odd")
-    with handed(now) as number:
-        flight_process.main(["run", "--settings-fd", number, *words])
-        flight_process.main(["run", "--settings-fd", number, *words, "--start", "command"])
-    assert [settings.mission.start for settings, _, _ in found] == ["now", "command"]
-    assert found[0][0] == now
-    assert found[0][1] == found[1][1] == Options(preset="table_i", seed=7, fix=True, skip=("depth", "-odd"))
-    assert found[0][2] is gate.link
+    monkeypatch.setattr(mission, "fly", fly)
+    asked = FlightRequest("run", SETTINGS, "table_i", 7, fix=True, skip=("depth", "-odd"))
+    with handed(asked) as number:
+        application.main(["--request-fd", number])
+    assert found == [(asked, gate.link)]
 
 
-def test_settings_that_were_not_handed_over_are_refused(gate: FakeGate, capsys: pytest.CaptureFixture[str]) -> None:
-    assert flight_process.main(["run", "--settings-fd", "99999", "--preset", "flight"]) == 2
+def test_a_request_that_was_not_handed_over_is_refused(gate: FakeGate, capsys: pytest.CaptureFixture[str]) -> None:
+    assert application.main(["--request-fd", "99999"]) == 2
     assert "handed over" in capsys.readouterr().err
-    assert gate.heard() == [Goodbye(2)]
+    other = sealed("test", "{}")
+    assert application.main(["--request-fd", str(other)]) == 2
+    assert "is no request" in capsys.readouterr().err
+    os.close(other)
+    assert gate.heard() == [Goodbye(2), Goodbye(2)]
 
 
 def test_the_end_of_the_service_before_a_flight_is_an_interrupt(
@@ -186,7 +184,7 @@ def test_the_end_of_the_service_before_a_flight_is_an_interrupt(
         os.kill(os.getpid(), signal.SIGTERM)
         return summary()
 
-    monkeypatch.setattr(app, "fly", fly)
-    with handed() as number:
-        assert flight_process.main(["run", "--settings-fd", number, "--preset", "flight"]) == 130
+    monkeypatch.setattr(mission, "fly", fly)
+    with handed(FLIGHT) as number:
+        assert application.main(["--request-fd", number]) == 130
     assert gate.heard() == [Goodbye(130)]

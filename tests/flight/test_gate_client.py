@@ -11,7 +11,9 @@ from typing import cast
 
 import pytest
 
+from companion.flight.events import EventEmitter, console, recording
 from companion.flight.gate_client import KINDS_OF_NOTICES, OTHERS, GateClient, GateLostError
+from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.gate.faults import Fault, Stage
 from companion.gate.protocol import Notice, Phase
 from companion.model import Pose
@@ -32,8 +34,9 @@ class Stand:
         self.clock = HandClock(100.0)
         self.said: list[str] = []
         self.notes = Notes()
-        self.talk = GateClient(gate.link, self.clock, self.said.append)
-        self.talk.recorder = cast("Recorder", self.notes)
+        self.flight = PhaseMachine()
+        events = EventEmitter(console(self.said.append), recording(cast("Recorder", self.notes)))
+        self.talk = GateClient(gate.link, self.clock, events, self.flight)
 
 
 @pytest.fixture
@@ -43,7 +46,7 @@ def stand() -> Iterator[Stand]:
 
 
 def test_a_beat_carries_the_ages_of_what_the_tick_rested_on(stand: Stand) -> None:
-    stand.talk.phase = Phase.EXPLORING
+    stand.flight.phase = FlightPhase.EXPLORING
     stand.talk.has_map(lambda: 0.7)
     told = replace(beside(1), scan_age_s=0.2, ranges_age_s=0.1, ahead_m=2.5)
     stand.talk.ticked(100.0, POSE, told)
@@ -70,7 +73,8 @@ def test_a_stamp_from_the_future_is_no_age(stand: Stand) -> None:
 
 
 def test_notices_are_shown_recorded_and_counted(stand: Stand) -> None:
-    stand.gate.say("brake: depth_stale", "pass: all is well", "brake: depth_stale")
+    for text in ("brake: depth_stale", "pass: all is well", "brake: depth_stale"):
+        stand.gate.say(text)
     stand.talk.look()
     assert stand.said == ["gate: brake: depth_stale", "gate: pass: all is well", "gate: brake: depth_stale"]
     assert ("gate", "brake: depth_stale", logging.WARNING) in stand.notes.events
@@ -114,50 +118,39 @@ def test_the_loss_of_the_gate_is_told_once(stand: Stand) -> None:
     assert "failsafe" in stand.said[0]
 
 
-def test_on_the_ground_the_loss_of_the_gate_is_the_end(stand: Stand) -> None:
+async def test_on_the_ground_the_loss_of_the_gate_is_the_end(stand: Stand) -> None:
     stand.gate.die()
     with pytest.raises(GateLostError, match="nothing was armed"):
-        asyncio.run(asyncio.wait_for(stand.talk.run(), 5.0))
+        await stand.talk.run()
 
 
-@pytest.mark.parametrize("phase", [Phase.CLIMBING, Phase.EXPLORING, Phase.ENDING])
-def test_in_the_air_the_loss_is_for_the_flight_to_deal_with(stand: Stand, phase: Phase) -> None:
+@pytest.mark.parametrize("phase", [FlightPhase.TAKING_OFF, FlightPhase.EXPLORING, FlightPhase.LEAVING])
+async def test_in_the_air_the_loss_is_for_the_flight_to_deal_with(stand: Stand, phase: FlightPhase) -> None:
     """What was flown for is to be saved; an error from here would take the map away."""
-    stand.talk.phase = phase
+    stand.flight.phase = phase
     stand.gate.die()
-
-    async def fly() -> None:
-        listening = asyncio.create_task(stand.talk.run())
-        await asyncio.wait_for(stand.talk.lost.wait(), 5.0)
-        await asyncio.sleep(0)
-        assert not listening.done()
-        listening.cancel()
-
-    asyncio.run(fly())
+    listening = asyncio.create_task(stand.talk.run())
+    await stand.talk.lost.wait()
+    await asyncio.sleep(0)
+    assert not listening.done()
+    listening.cancel()
 
 
-def test_the_end_is_said_again_while_the_map_is_written(stand: Stand) -> None:
+async def test_the_end_is_said_again_while_the_map_is_written(stand: Stand) -> None:
     """An end that was missed would look like a hang, for which an application is killed."""
-
-    async def write() -> None:
-        stand.talk.ended()
-        listening = asyncio.create_task(stand.talk.run())
-        await asyncio.sleep(0.25)
-        listening.cancel()
-
-    asyncio.run(write())
+    stand.flight.phase = FlightPhase.ENDED
+    stand.talk.ended()
+    listening = asyncio.create_task(stand.talk.run())
+    await stand.clock.sleep(0.25)
+    listening.cancel()
     beats = stand.gate.beats()
     assert len(beats) >= 3
     assert {beat.phase for beat in beats} == {Phase.ENDED}
 
 
-def test_on_the_ground_only_ticks_are_told(stand: Stand) -> None:
+async def test_on_the_ground_only_ticks_are_told(stand: Stand) -> None:
     """A beat says that a tick was completed: nothing else may look like one."""
-
-    async def wait() -> None:
-        listening = asyncio.create_task(stand.talk.run())
-        await asyncio.sleep(0.25)
-        listening.cancel()
-
-    asyncio.run(wait())
+    listening = asyncio.create_task(stand.talk.run())
+    await stand.clock.sleep(0.25)
+    listening.cancel()
     assert stand.gate.beats() == []

@@ -7,13 +7,14 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from companion.config.load import load_settings
-from companion.config.settings import Settings
 from companion.errors import InputError
-from companion.flight.launch import become_the_gate, module, sealed, unsealed
+from companion.flight.launch import application, become_the_gate, module
+from companion.flight.request import FlightRequest, Start, sealed, unsealed
 from companion.gate.plan import Plan
 
 
@@ -36,7 +37,7 @@ def test_what_was_handed_over_cannot_be_changed_by_anybody() -> None:
 
 def test_it_is_inherited() -> None:
     number = sealed("test", "vehicle: ä")
-    code = f"from companion.flight.launch import unsealed; assert unsealed({number}) == 'vehicle: ä'"
+    code = f"from companion.flight.request import unsealed; assert unsealed({number}) == 'vehicle: ä'"
     try:
         for _ in range(2):
             subprocess.run([sys.executable, "-c", code], pass_fds=(number,), check=True)
@@ -78,30 +79,35 @@ def plan_of(arguments: list[str]) -> Plan:
     return Plan.loads(unsealed(int(arguments[-1])))
 
 
-def test_the_gate_gets_its_plan_and_the_application_its_settings(executed: list[list[str]]) -> None:
+def requests_in(plan: Plan) -> list[FlightRequest]:
+    """What the application would be asked at first, and when it has died; each in the descriptor that it inherits."""
+    assert plan.command == application(plan.inherit[0])
+    assert plan.restart_command == application(plan.inherit[1])
+    return [FlightRequest.unsealed(number) for number in plan.inherit]
+
+
+@pytest.mark.parametrize(("terminal", "by"), [(True, "key"), (False, "command")])
+def test_the_gate_gets_its_plan_and_the_application_its_request(
+    terminal: bool, by: Start, executed: list[list[str]], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """After a death nothing flies by itself: whoever walks to a vehicle that has just landed has not asked for it."""
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda: terminal))
     settings = load_settings(preset="table_ii")
+    request = FlightRequest("run", settings, "table_ii", 3, True, ("depth", "-odd"), tmp_path).started_by("now")
     with pytest.raises(_Executed):
-        become_the_gate(settings, ["run", "--seed", "3"], ["run", "--seed", "3", "--start", "key"])
+        become_the_gate(request)
     (arguments,) = executed
     plan = plan_of(arguments)
     assert plan.autopilot_url == settings.autopilot.url
-    at = plan.command.index("--settings-fd")
-    assert plan.command[:at] == (*module("companion.flight"),)
-    assert plan.command[at + 2 :] == ("run", "--seed", "3")
-    assert plan.restart_command == (*plan.command, "--start", "key")
-    (number,) = plan.inherit
-    assert plan.command[at + 1] == str(number)
-    assert Settings.model_validate_json(unsealed(number), strict=True) == settings
+    assert requests_in(plan) == [request, request.started_by(by)]
     assert plan.restarts > 0
     json.loads(plan.dumps())
 
 
 def test_a_check_that_dies_is_not_made_again(executed: list[list[str]]) -> None:
     with pytest.raises(_Executed):
-        become_the_gate(load_settings(), ["check"], None)
-    plan = plan_of(executed[0])
-    assert plan.restarts == 0
-    assert plan.restart_command == plan.command
+        become_the_gate(FlightRequest("check", load_settings(), "flight"))
+    assert plan_of(executed[0]).restarts == 0
 
 
 @pytest.mark.parametrize(("first", "safe"), [("", False), ("/elsewhere/bin", True), (None, False)])

@@ -12,22 +12,28 @@ from typing import Any
 import pytest
 
 from companion.errors import InputError
-from companion.flight.operator_commands import Orders
+from companion.flight.operator_commands import OperatorCommands
+from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.mavlink.ids import MavCmd
 from tests.autopilot.fake_link import FakeLink, HandClock
 
 OURS = {"target_system": 1, "target_component": 191}
 
 
-def told(*commands: dict[str, Any], by_command: bool = True, ready: bool = True) -> tuple[Orders, FakeLink]:
-    """Orders after a ground station (255, 190) has sent these."""
+def in_phase(phase: FlightPhase) -> PhaseMachine:
+    machine = PhaseMachine()
+    machine.phase = phase
+    return machine
+
+
+def told(*commands: dict[str, Any], by_command: bool = True, ready: bool = True) -> tuple[OperatorCommands, FakeLink]:
+    """The operator's commands after a ground station (255, 190) has sent these."""
     link = FakeLink(HandClock())
-    orders = Orders(by_command)
-    orders.ready = ready
-    orders.listen(link)
+    operator = OperatorCommands(by_command, in_phase(FlightPhase.WAITING if ready else FlightPhase.CHECKING))
+    operator.listen(link)
     for fields in commands:
         link.deliver("COMMAND_LONG", {**OURS, "param1": 0.0, **fields}, system_id=255, component_id=190)
-    return orders, link
+    return operator, link
 
 
 def answers(link: FakeLink) -> list[int]:
@@ -35,9 +41,9 @@ def answers(link: FakeLink) -> list[int]:
 
 
 def test_a_ground_station_starts_and_stops() -> None:
-    orders, link = told({"command": MavCmd.MISSION_START}, {"command": MavCmd.DO_PAUSE_CONTINUE})
-    assert orders.start.is_set()
-    assert orders.stop.is_set()
+    operator, link = told({"command": MavCmd.MISSION_START}, {"command": MavCmd.DO_PAUSE_CONTINUE})
+    assert operator.start.is_set()
+    assert operator.stop.is_set()
     assert answers(link) == [0, 0]
     (first, _) = link.sent_named("COMMAND_ACK")
     assert (first["target_system"], first["target_component"]) == (255, 190)
@@ -45,30 +51,30 @@ def test_a_ground_station_starts_and_stops() -> None:
 
 def test_a_start_counts_only_where_it_was_configured() -> None:
     """With `start: key` somebody stands beside the vehicle: nobody else may start it. Stopping is always allowed."""
-    orders, link = told({"command": MavCmd.MISSION_START}, {"command": MavCmd.DO_PAUSE_CONTINUE}, by_command=False)
-    assert not orders.start.is_set()
-    assert orders.stop.is_set()
+    operator, link = told({"command": MavCmd.MISSION_START}, {"command": MavCmd.DO_PAUSE_CONTINUE}, by_command=False)
+    assert not operator.start.is_set()
+    assert operator.stop.is_set()
     assert answers(link) == [2, 0]
 
 
 def test_a_start_before_its_time_is_refused() -> None:
     """Kept until the map has been loaded, it would let the vehicle take off when nobody expects it any more."""
-    orders, link = told({"command": MavCmd.MISSION_START}, ready=False)
-    assert not orders.start.is_set()
+    operator, link = told({"command": MavCmd.MISSION_START}, ready=False)
+    assert not operator.start.is_set()
     assert answers(link) == [1]
 
 
 @pytest.mark.parametrize("elsewhere", [{"target_system": 2}, {"target_component": 1}, {"target_component": None}])
 def test_commands_to_others_are_not_ours(elsewhere: dict[str, Any]) -> None:
-    orders, link = told({"command": MavCmd.MISSION_START, **elsewhere})
-    assert not orders.start.is_set()
+    operator, link = told({"command": MavCmd.MISSION_START, **elsewhere})
+    assert not operator.start.is_set()
     assert answers(link) == []
 
 
 @pytest.mark.parametrize("parameter", [1.0, math.nan, None, "0"])
 def test_continue_and_nonsense_stop_nothing(parameter: object) -> None:
-    orders, link = told({"command": MavCmd.DO_PAUSE_CONTINUE, "param1": parameter})
-    assert not orders.stop.is_set()
+    operator, link = told({"command": MavCmd.DO_PAUSE_CONTINUE, "param1": parameter})
+    assert not operator.stop.is_set()
     assert answers(link) == [2]
 
 
@@ -79,88 +85,63 @@ def test_other_commands_are_answered_as_unsupported() -> None:
 
 def test_a_ground_station_that_is_gone_has_its_order_all_the_same() -> None:
     link = FakeLink(HandClock())
-    orders = Orders(by_command=True)
-    orders.listen(link)
+    operator = OperatorCommands(by_command=True, flight=PhaseMachine())
+    operator.listen(link)
     link.gone = True
     link.deliver("COMMAND_LONG", {**OURS, "command": MavCmd.DO_PAUSE_CONTINUE, "param1": 0.0}, system_id=255)
-    assert orders.stop.is_set()
+    assert operator.stop.is_set()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signals_ask_for_the_end_of_the_flight(number: signal.Signals) -> None:
+async def test_signals_ask_for_the_end_of_the_flight(number: signal.Signals) -> None:
     """Ctrl-C in flight must land the vehicle, not break off the program that flies it."""
-
-    async def main() -> Orders:
-        orders = Orders(by_command=False)
-        orders.in_the_air = True
-        with orders.signals():
-            os.kill(os.getpid(), number)
-            await asyncio.wait_for(orders.stop.wait(), 5.0)
-        return orders
-
-    orders = asyncio.run(main())
-    assert orders.interrupted
-    assert not orders.start.is_set()
+    operator = OperatorCommands(by_command=False, flight=in_phase(FlightPhase.TAKING_OFF))
+    with operator.signals():
+        os.kill(os.getpid(), number)
+        await asyncio.wait_for(operator.stop.wait(), 5.0)
+    assert operator.interrupted
+    assert not operator.start.is_set()
 
 
-def test_the_enter_key_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_the_enter_key_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     reading, writing = os.pipe()
-
-    async def main() -> bool:
-        orders = Orders(by_command=False)
-        with os.fdopen(reading) as terminal:
-            monkeypatch.setattr("sys.stdin", terminal)
-            with orders.enter_key():
-                os.write(writing, b"\n")
-                await asyncio.wait_for(orders.start.wait(), 5.0)
-        return orders.start.is_set()
-
-    assert asyncio.run(main())
-    os.close(writing)
+    operator = OperatorCommands(by_command=False, flight=PhaseMachine())
+    with os.fdopen(reading) as terminal, os.fdopen(writing, "wb", buffering=0) as hand:
+        monkeypatch.setattr("sys.stdin", terminal)
+        with operator.enter_key():
+            hand.write(b"\n")
+            await asyncio.wait_for(operator.start.wait(), 5.0)
 
 
-def test_what_was_typed_before_starts_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_what_was_typed_before_starts_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """An Enter from the flight before must not let the application that was started again take off at once."""
     hand, terminal = os.openpty()
-
-    async def main() -> tuple[bool, bool]:
-        orders = Orders(by_command=False)
-        with os.fdopen(terminal) as keyboard:
-            monkeypatch.setattr("sys.stdin", keyboard)
-            os.write(hand, b"\n\n")
-            with orders.enter_key():
-                await asyncio.sleep(0.1)
-                before = orders.start.is_set()
-                os.write(hand, b"\n")
-                await asyncio.wait_for(orders.start.wait(), 5.0)
-        return before, orders.start.is_set()
-
-    assert asyncio.run(main()) == (False, True)
+    operator = OperatorCommands(by_command=False, flight=PhaseMachine())
+    with os.fdopen(terminal) as keyboard:
+        monkeypatch.setattr("sys.stdin", keyboard)
+        os.write(hand, b"\n\n")
+        with operator.enter_key():
+            await asyncio.sleep(0.1)
+            assert not operator.start.is_set()
+            os.write(hand, b"\n")
+            await asyncio.wait_for(operator.start.wait(), 5.0)
     os.close(hand)
 
 
-def test_without_a_terminal_the_key_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_without_a_terminal_the_key_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Under a service manager nobody can press it: waiting for ever would look like a hang."""
-
-    async def main() -> None:
-        with Path(os.devnull).open() as nothing:  # noqa: ASYNC230 - nothing is read from it
-            monkeypatch.setattr("sys.stdin", nothing)
-            with Orders(by_command=False).enter_key():
-                pass
-
-    with pytest.raises(InputError, match="--start command"):
-        asyncio.run(main())
+    operator = OperatorCommands(by_command=False, flight=PhaseMachine())
+    with Path(os.devnull).open() as nothing:  # noqa: ASYNC230 - nothing is read from it
+        monkeypatch.setattr("sys.stdin", nothing)
+        with pytest.raises(InputError, match="--start command"), operator.enter_key():
+            pass
 
 
-def test_where_nothing_flies_a_signal_ends_the_program() -> None:
+async def test_where_nothing_flies_a_signal_ends_the_program() -> None:
     """Connecting and loading take up to minutes: Ctrl-C must not seem to be ignored."""
-
-    async def main() -> Orders:
-        orders = Orders(by_command=False)
-        with orders.signals():
-            os.kill(os.getpid(), signal.SIGINT)
-            with pytest.raises(asyncio.CancelledError):
-                await asyncio.sleep(5.0)
-        return orders
-
-    assert asyncio.run(main()).interrupted
+    operator = OperatorCommands(by_command=False, flight=PhaseMachine())
+    with operator.signals():
+        os.kill(os.getpid(), signal.SIGINT)
+        with pytest.raises(asyncio.CancelledError):
+            await asyncio.sleep(5.0)
+    assert operator.interrupted

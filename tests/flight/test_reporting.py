@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, field, replace
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import pytest
 
-from companion.autopilot.status_reporter import Announcer
+from companion.autopilot.status_reporter import StatusReporter
 from companion.autopilot.telemetry import Telemetry
-from companion.flight.control_loop import TickRecord
-from companion.flight.preflight import CheckResult
-from companion.flight.reporting import Announcements, MapFeed
-from companion.flight.termination import Ending
+from companion.config.settings import Settings
+from companion.flight.events import EventEmitter, console, recording, status_text
+from companion.flight.phase import FlightPhase, PhaseMachine
+from companion.flight.reporting import MapFeed, TickReporter
 from companion.mapping.process.client import MapClient
 from companion.mapping.process.messages import MapStatus
 from companion.model import DepthFrame, Input, Mode, Observation, PlanarScan, Pose, Setpoint
+from companion.pipeline import Tick
 from companion.recording import Recorder
-from companion.recording.content import ENDED, ENGAGED
 from tests.autopilot.fake_link import FakeLink, HandClock
 from tests.control.stages import beside
 from tests.flight.test_control_loop import CAMERA
@@ -68,34 +68,32 @@ class Notes:
 
 
 class Stand:
-    """Announcements with everything around them."""
+    """A reporter with everything around it."""
 
     def __init__(self) -> None:
         self.clock = HandClock(100.0)
         self.link = FakeLink(self.clock)
-        self.telemetry = Telemetry(self.link, self.clock)
-        self.announcer = Announcer(self.link, self.clock)
+        self.telemetry = Telemetry(self.link, self.clock, Settings())
+        self.status_reporter = StatusReporter(self.link, self.clock)
         self.notes = Notes()
         self.said: list[str] = []
         self.mapper = Mapper()
-        self.announcements = Announcements(
-            self.announcer,
-            self.telemetry,
-            cast("MapClient", self.mapper),
-            cast("Recorder", self.notes),
-            self.said.append,
+        self.flight = PhaseMachine()
+        self.events = EventEmitter(
+            console(self.said.append), status_text(self.status_reporter), recording(cast("Recorder", self.notes))
+        )
+        self.reporter = TickReporter(
+            self.events, self.status_reporter, self.telemetry, cast("MapClient", self.mapper), self.flight
         )
 
-    def tick(self, **changes: Any) -> None:
+    def tick(self, *, missing: tuple[Input, ...] = (), mode: Mode = Mode.BOUNDARY) -> None:
         """50 ms later, a tick along a wall unless told otherwise."""
         self.clock.advance(0.05)
         now_s = self.clock.time_s
-        told = replace(beside(1), t_s=now_s, missing=changes.get("missing", ()))
-        well = TickRecord(
-            now_s, Observation(now_s, POSE), told, Mode.BOUNDARY, Setpoint(now_s, 0.5, 0.0, 0.1), True, True, (), 0.001
-        )
-        self.announcements(replace(well, **changes))
-        self.announcer.tick()
+        told = replace(beside(1), t_s=now_s, missing=missing)
+        setpoint = Setpoint(now_s, 0.5, 0.0, 0.1)
+        self.reporter(Tick(now_s, Observation(now_s, POSE), told, setpoint, mode, True, 1.5, 0.001, stepped=True))
+        self.status_reporter.tick()
 
     def texts(self) -> list[str]:
         """What ground stations got to read."""
@@ -112,7 +110,7 @@ def test_ground_stations_get_d_h_and_completeness() -> None:
 
 def test_a_change_of_mode_is_told_once() -> None:
     stand = Stand()
-    stand.announcements.phase("exploring")
+    stand.flight.phase = FlightPhase.EXPLORING
     for _ in range(40):
         stand.tick()
     for _ in range(40):
@@ -124,7 +122,7 @@ def test_a_change_of_mode_is_told_once() -> None:
 def test_a_stop_says_why_and_that_it_is_over() -> None:
     """A late frame is no event; inputs lost for longer than half a second are."""
     stand = Stand()
-    stand.announcements.phase("exploring")
+    stand.flight.phase = FlightPhase.EXPLORING
     stand.tick()
     for _ in range(4):
         stand.tick(missing=(Input.DEPTH,), mode=Mode.HOLD)
@@ -142,31 +140,12 @@ def test_a_stop_says_why_and_that_it_is_over() -> None:
     assert stand.link.sent_named("HEARTBEAT")[-1]["system_status"] == 4
 
 
-def test_the_exploring_is_marked_in_the_recording() -> None:
-    """The figures of a flight are taken between these two."""
-    stand = Stand()
-    stand.announcements.phase("taking off")
-    stand.announcements.phase("exploring")
-    stand.announcements.ended(Ending.PILOT, "loiter")
-    assert [name for name, _, _ in stand.notes.events] == ["phase", ENGAGED, ENDED]
-    assert stand.said[-1] == "exploring ended: pilot or failsafe took over loiter"
-
-
 def test_what_the_autopilot_says_reaches_the_operator_once() -> None:
     stand = Stand()
     stand.link.deliver("STATUSTEXT", {"severity": 4, "text": "Low battery"})
     stand.tick()
     stand.tick()
     assert stand.said == ["autopilot: Low battery"]
-
-
-def test_skipped_checks_are_on_record() -> None:
-    stand = Stand()
-    passed = CheckResult("link", True, "0.1 s", "below 3 s", "why")
-    skipped = CheckResult("battery", False, "not looked at", "above 25 %", "why", skipped=True)
-    stand.announcements.checks([passed, skipped])
-    assert ("check", "battery skipped: not looked at", logging.WARNING) in stand.notes.events
-    assert len(stand.notes.events) == 2
 
 
 def test_trouble_of_the_map_is_told_once_and_when_it_is_over() -> None:
@@ -197,7 +176,7 @@ def test_the_map_gets_every_image_and_every_scan(with_frame: bool, with_scan: bo
     scan = PlanarScan(1.0, np.array([0.0, 0.1]), np.array([2.0, 2.0]), 10.0, POSE)
     seen = Observation(1.0, POSE, frame if with_frame else None, planar=scan if with_scan else None)
     feed = MapFeed(cast("MapClient", mapper))
-    feed(TickRecord(1.0, seen, None, Mode.HOLD, None, False, False, (), 0.0))
-    feed(TickRecord(1.0, None, None, Mode.HOLD, None, False, False, (Input.POSE,), 0.0))
+    feed(Tick(1.0, seen, None, None, Mode.HOLD, False, 1.5, 0.0, stepped=False))
+    feed(Tick(1.0, None, None, None, Mode.HOLD, False, 1.5, 0.0, stepped=False))
     assert mapper.offered == ([frame] if with_frame else [])
     assert mapper.scans == ([scan] if with_scan else [])

@@ -8,13 +8,13 @@ from typing import Any
 import pytest
 
 from companion.autopilot.vehicle_state import VehicleState
-from companion.config.mission import MissionSettings
-from companion.flight.termination import Ending, Standing, ending
+from companion.config.settings import Settings
+from companion.flight.termination import Conditions, Termination, termination
 
-SETTINGS = MissionSettings()
+SETTINGS = Settings()
 
 
-def standing(vehicle: dict[str, Any] | None = None, **changes: Any) -> Standing:
+def conditions(vehicle: dict[str, Any] | None = None, **changes: Any) -> Conditions:
     """A flight on which all is well, with changes."""
     state = VehicleState(
         armed=True,
@@ -28,9 +28,9 @@ def standing(vehicle: dict[str, Any] | None = None, **changes: Any) -> Standing:
         texts=(),
     )
     state = replace(state, **(vehicle or {}))
-    well = Standing(
+    well = Conditions(
         state,
-        pilot_took_over=False,
+        taken_over=False,
         gate_took_over=False,
         gate_lost=False,
         stop_asked=False,
@@ -44,65 +44,66 @@ def standing(vehicle: dict[str, Any] | None = None, **changes: Any) -> Standing:
 
 
 def test_a_flight_on_which_all_is_well_goes_on() -> None:
-    assert ending(standing(), SETTINGS) is None
+    assert termination(conditions(), SETTINGS) is None
 
 
 @pytest.mark.parametrize(
     ("now", "why"),
     [
-        (standing({"heartbeat_age_s": 3.1}), Ending.LINK),
-        (standing({"armed": False}), Ending.DISARMED),
-        (standing(gate_lost=True), Ending.GATE_LOST),
-        (standing(pilot_took_over=True, gate_took_over=True), Ending.GATE),
-        (standing(pilot_took_over=True), Ending.PILOT),
-        (standing({"battery_percent": 24.0}), Ending.BATTERY),
-        (standing({"battery_percent": None}, battery_silent_s=30.5), Ending.BATTERY),
-        (standing(blind_s=10.5), Ending.INPUTS),
-        (standing(map_silent_s=61.0), Ending.MAP),
-        (standing(stop_asked=True), Ending.STOPPED),
-        (standing(complete=True), Ending.COMPLETE),
-        (standing(flown_s=1200.5), Ending.TIME),
+        (conditions({"heartbeat_age_s": 3.1}), Termination.LINK),
+        (conditions({"armed": False}), Termination.DISARMED),
+        (conditions(gate_lost=True), Termination.GATE_LOST),
+        (conditions(taken_over=True, gate_took_over=True), Termination.GATE),
+        (conditions(taken_over=True), Termination.PILOT),
+        (conditions({"battery_percent": 24.0}), Termination.BATTERY),
+        (conditions({"battery_percent": None}, battery_silent_s=30.5), Termination.BATTERY),
+        (conditions(blind_s=10.5), Termination.INPUTS),
+        (conditions(map_silent_s=61.0), Termination.MAP),
+        (conditions(stop_asked=True), Termination.STOPPED),
+        (conditions(complete=True), Termination.COMPLETE),
+        (conditions(flown_s=1200.5), Termination.TIME),
     ],
 )
-def test_each_reason_ends_it(now: Standing, why: Ending) -> None:
-    assert ending(now, SETTINGS) is why
+def test_each_reason_ends_it(now: Conditions, why: Termination) -> None:
+    assert termination(now, SETTINGS) is why
 
 
 def test_a_battery_that_says_nothing_is_not_an_empty_one() -> None:
     """Whoever skipped the check of the battery has none that says anything; one that falls silent may be empty."""
-    assert ending(standing({"battery_percent": None}), SETTINGS) is None
-    assert ending(standing({"battery_percent": None}, battery_silent_s=10.0), SETTINGS) is None
+    assert termination(conditions({"battery_percent": None}), SETTINGS) is None
+    assert termination(conditions({"battery_percent": None}, battery_silent_s=10.0), SETTINGS) is None
 
 
 def test_what_takes_the_vehicle_away_comes_before_what_was_reached() -> None:
     """A pilot who takes over at the moment of completion must not see the vehicle land under his hands."""
-    assert ending(standing(pilot_took_over=True, complete=True, stop_asked=True), SETTINGS) is Ending.PILOT
-    assert ending(standing({"heartbeat_age_s": 9.0, "armed": False}), SETTINGS) is Ending.LINK
+    assert termination(conditions(taken_over=True, complete=True, stop_asked=True), SETTINGS) is Termination.PILOT
+    assert termination(conditions({"heartbeat_age_s": 9.0, "armed": False}), SETTINGS) is Termination.LINK
 
 
 def test_what_the_gate_did_is_not_blamed_on_a_pilot() -> None:
     """The mode that it takes shows up to a second after its word; who landed by it is disarmed as well."""
-    assert ending(standing(gate_took_over=True), SETTINGS) is None, "not before the mode shows"
-    landed = standing({"armed": False}, pilot_took_over=True, gate_took_over=True)
-    assert ending(landed, SETTINGS) is Ending.GATE
+    assert termination(conditions(gate_took_over=True), SETTINGS) is None, "not before the mode shows"
+    landed = conditions({"armed": False}, taken_over=True, gate_took_over=True)
+    assert termination(landed, SETTINGS) is Termination.GATE
 
 
 def test_without_the_gate_nothing_else_that_is_said_of_the_vehicle_counts() -> None:
     """All of it came through the gate."""
     assert (
-        ending(standing({"heartbeat_age_s": 9.0}, gate_lost=True, pilot_took_over=True), SETTINGS) is Ending.GATE_LOST
+        termination(conditions({"heartbeat_age_s": 9.0}, gate_lost=True, taken_over=True), SETTINGS)
+        is Termination.GATE_LOST
     )
 
 
 def test_hands_are_off_when_the_vehicle_is_not_ours_or_cannot_be_reached() -> None:
     """Everywhere else the vehicle would be left flying by nobody."""
-    assert {why for why in Ending if why.hands_off} == {
-        Ending.GATE_LOST,
-        Ending.GATE,
-        Ending.PILOT,
-        Ending.DISARMED,
+    assert {why for why in Termination if why.hands_off} == {
+        Termination.GATE_LOST,
+        Termination.GATE,
+        Termination.PILOT,
+        Termination.DISARMED,
     }
 
 
 def test_only_completion_and_a_stop_are_ends_as_they_should_be() -> None:
-    assert {why for why in Ending if why.as_it_should} == {Ending.COMPLETE, Ending.STOPPED}
+    assert {why for why in Termination if why.as_it_should} == {Termination.COMPLETE, Termination.STOPPED}

@@ -218,7 +218,7 @@ async def aboard(port: int, system_id: int = 1, connect_timeout_s: float = 30.0)
         )
     )
     async with MavsdkLink(settings.autopilot, clock, UdpTransport(port)) as link:
-        telemetry = Telemetry(link, clock, settings.autopilot.attitude_hz, settings.autopilot.position_hz)
+        telemetry = Telemetry(link, clock, settings)
         async with background(telemetry.run()):
             yield Aboard(clock, link, telemetry, Vehicle(link, telemetry, settings, clock), settings)
 

@@ -32,7 +32,7 @@ async def _fly_lossy(ours: Stage) -> None:
         assert residual_s is not None
         assert residual_s < 0.03, "what pre-flight demands"
         assert await vehicle.land(), "landed and disarmed, and the application knows it"
-        assert not vehicle.pilot_took_over
+        assert not vehicle.taken_over
     assert not witness.armed
     for lost, passed in zip(relay.lost, relay.passed, strict=True):
         assert 0.02 < lost / (lost + passed) < 0.09, "the link did lose"
@@ -74,11 +74,11 @@ async def _fly_through_an_outage(ours: Stage) -> None:
         await until("poses again", lambda: flight.telemetry.state(flight.clock.now_s()).pose_age_s < 0.2, 3.0)
         sent = await flight.stream(3.0, 0.5)
         if personality == "px4":
-            assert (vehicle.pilot_took_over, vehicle.foreign_mode) == (True, "hold")
+            assert vehicle.taken_over == "hold"
             assert (sent, relay.seen.setpoints(back_s)) == (0, [])
             assert (witness.mode, witness.armed) == ("hold", True)
         else:
-            assert not vehicle.pilot_took_over
+            assert not vehicle.taken_over
             assert sent > 15
             assert witness.speed_at(time.monotonic() - 0.2) > 0.2
             assert flight.telemetry.restarts == 0, "it was silent, not rebooted"

@@ -48,7 +48,7 @@ async def _fly(ours: Stage) -> None:
             if personality == "px4":
                 await _after_px4s_failsafe(witness, flight)
             else:
-                assert (witness.mode, vehicle.pilot_took_over) == ("guided", False)
+                assert (witness.mode, vehicle.taken_over) == ("guided", None)
                 assert await flight.stream(2.0, SPEED_MPS) > 25
                 assert witness.speed_at(time.monotonic() - 0.2) > 0.2, "guided again, without being asked to"
             left_s = time.monotonic()
@@ -64,7 +64,7 @@ async def _fly(ours: Stage) -> None:
 async def _after_px4s_failsafe(witness: Witness, flight: Aboard) -> None:
     vehicle = flight.vehicle
     assert witness.mode == "hold"
-    assert (vehicle.pilot_took_over, vehicle.foreign_mode) == (True, "hold")
+    assert vehicle.taken_over == "hold"
     assert await flight.stream(0.3, SPEED_MPS) == 0
     somebodys = m.MAVLink_set_position_target_local_ned_message(0, 1, 1, m.MAV_FRAME_BODY_NED, 0x5C7, *([0.0] * 11))
 
@@ -73,5 +73,5 @@ async def _after_px4s_failsafe(witness: Witness, flight: Aboard) -> None:
         return witness.mode == "offboard"
 
     await until("offboard by itself", back_in_offboard, 2.0)
-    assert vehicle.pilot_took_over, "that does not make it ours again"
+    assert vehicle.taken_over, "that does not make it ours again"
     assert await flight.stream(0.2) == 0

@@ -56,13 +56,13 @@ async def _fly(personality: str, port: int, ours: tuple[UdpRelay, Witness, Stub]
             other.pilot_takes_over()
             assert await flight.stream(1.6, 0.3) > 20
             assert others_witness.mode in PILOTS_MODE.values()
-            assert not vehicle.pilot_took_over, "it is another vehicle's pilot"
+            assert not vehicle.taken_over, "it is another vehicle's pilot"
 
             stub.pilot_takes_over()
             asked_s = time.monotonic()
-            await flight.stream(4.0, 0.3, while_true=lambda: not vehicle.pilot_took_over)
+            await flight.stream(4.0, 0.3, while_true=lambda: not vehicle.taken_over)
             assert time.monotonic() - asked_s < 1.6, "the heartbeat that tells comes once a second"
-            assert vehicle.foreign_mode == PILOTS_MODE[personality]
+            assert vehicle.taken_over == PILOTS_MODE[personality]
             hands_off_s = time.monotonic()
             assert await flight.stream(0.3, 0.3) == 0
             for take_back in (vehicle.engage, vehicle.hold, vehicle.land):

@@ -24,8 +24,8 @@ from companion.model import (
     Scan,
     Setpoint,
 )
-from companion.pipeline import Explorer
-from companion.recording import FlightInfo, Recorder, Tick
+from companion.pipeline import Explorer, Tick
+from companion.recording import FlightInfo, Recorder
 from sitl.mines import load_world
 from sitl.scene.raycast import RayCaster
 from sitl.scene.render import DepthRenderer
@@ -49,6 +49,9 @@ class HandClock:
 
     def now_s(self) -> float:
         return self.t_s
+
+    async def sleep(self, time_s: float) -> None:
+        self.t_s += time_s
 
 
 def make_info(settings: Settings = SETTINGS, seed: int = 1) -> FlightInfo:
@@ -78,6 +81,7 @@ def make_tick(
     """A tick at ``t_s`` whose depth is 0.1 s old, pose 0.02 s and height 0.05 s."""
     reading = RangeReading(Beam.DOWN, t_s - 0.05, 1.5, 8.0)
     return Tick(
+        t_s=t_s,
         observation=Observation(t_s, Pose(t_s - 0.02, 1.0, 2.0, 1.5, 0.1, 0.02, -0.03), frame, (reading,)),
         measurement=Measurement(t_s, 0.1, make_scan(), 1.5, None, None, d_m, 0.3, d_m, -0.1, 2.0, 0.05),
         setpoint=Setpoint(t_s, 0.4, 0.01, -0.2),
@@ -85,6 +89,7 @@ def make_tick(
         sent=sent,
         height_m=1.5,
         duration_s=duration_s,
+        stepped=True,
     )
 
 
@@ -125,7 +130,8 @@ def fly_in_room(
                 measurement = explorer.look(observation)
             status = explorer.navigator.status
             height_m = explorer.navigator.height_m
-            recorder.tick(Tick(observation, measurement, setpoint, status.mode, exploring, height_m, 0.001))
+            record_tick = (clock.t_s, observation, measurement, setpoint, status.mode, exploring, height_m, 0.001)
+            recorder.tick(Tick(*record_tick, stepped=exploring))
             vehicle.step(settings.control.period_s)
             while recorder.recording and recorder.waiting > 4:
                 time.sleep(0.0005)  # much faster than real time, for which the queue is made

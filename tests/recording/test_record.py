@@ -215,16 +215,27 @@ def test_times_follow_the_application_not_the_wall_clock(tmp_path: Path, monkeyp
     assert steps[-1] == pytest.approx(-3600.0, abs=10.0)
 
 
+def test_a_tick_without_a_pose_leaves_a_gap(tmp_path: Path) -> None:
+    """There is nothing in it that could be flown again, and the numbers of the ticks must not say that one is lost."""
+    file = tmp_path / "flight.mcap"
+    with Recorder(file, RecordSettings(), make_info(), HandClock()) as recorder:
+        for tick in (make_tick(1.0), replace(make_tick(1.05), observation=None, measurement=None), make_tick(1.1)):
+            recorder.tick(tick)
+    assert recorder.problem is None
+    numbers = [entry.json()["number"] for entry in open_recording(file).entries() if entry.topic == Topic.TICK]
+    assert numbers == [0, 1]
+
+
 @pytest.mark.parametrize("t_s", [math.nan, math.inf, -math.inf, 1e300])
 def test_a_stamp_that_is_no_time_ends_nothing(tmp_path: Path, t_s: float) -> None:
     """A wrong stamp from outside must not overflow the file's times and with that end the recording."""
     file = tmp_path / "flight.mcap"
-    bad = make_tick(1.0, frame=make_frame(1.0))
-    pose = replace(bad.observation.pose, t_s=t_s, yaw_rad=math.nan)
-    bad = replace(bad, observation=replace(bad.observation, pose=pose))
+    seen, _ = make_tick(1.0, frame=make_frame(1.0)).known()
+    seen = replace(seen, pose=replace(seen.pose, t_s=t_s, yaw_rad=math.nan))
+    bad = replace(make_tick(1.0), observation=seen)
     with Recorder(file, RecordSettings(), make_info(), HandClock()) as recorder:
         recorder.tick(bad)
-        recorder.tick(replace(bad, observation=replace(bad.observation, t_s=t_s)))
+        recorder.tick(replace(bad, observation=replace(seen, t_s=t_s)))
         recorder.tick(make_tick(2.0))
     assert recorder.problem is None
     assert topics(file)[Topic.TICK] == 3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 
 
@@ -14,6 +15,10 @@ class HandClock:
     def now_s(self) -> float:
         return self.now
 
+    async def sleep(self, time_s: float) -> None:
+        self.now += time_s
+        await asyncio.sleep(0)
+
 
 class AheadClock:
     """The clock of another computer: ours, set differently."""
@@ -23,3 +28,6 @@ class AheadClock:
 
     def now_s(self) -> float:
         return time.monotonic() + self._ahead_s
+
+    async def sleep(self, time_s: float) -> None:
+        await asyncio.sleep(time_s)

@@ -155,3 +155,10 @@ def test_what_cannot_be_is_counted() -> None:
     alignment.add_one_way(math.nan, 2.0)
     assert alignment.refused == 4
     assert alignment.offset_s is None
+
+
+async def test_the_clock_of_this_computer_waits_for_real() -> None:
+    clock = MonotonicClock()
+    began_s = clock.now_s()
+    await clock.sleep(0.02)
+    assert clock.now_s() - began_s >= 0.02

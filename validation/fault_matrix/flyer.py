@@ -1,8 +1,8 @@
 """The application of the matrix: the real one, with a navigator that only flies straight ahead.
 
-    python -m validation.fault_matrix.flyer --control PORT [--wait] run --settings-fd N ...
+    python -m validation.fault_matrix.flyer --request-fd N --control PORT [--wait]
 
-Everything after that is for `companion.flight`. At the port it listens for the faults of `flyer_faults`; with
+The request is for `companion.flight`. At the port it listens for the faults of `flyer_faults`; with
 `--wait` it loads everything and then waits there for the command to go.
 """
 
@@ -17,14 +17,13 @@ import numpy as np
 import typer
 
 from companion import pipeline
-from companion.config.settings import Settings
 from companion.control import laws
 from companion.control.governor import braking_speed_mps
 from companion.control.navigator import Status
 from companion.control.parameters import Parameters
 from companion.control.ramp import Ramp
-from companion.flight import __main__ as flight_process
-from companion.flight.launch import unsealed
+from companion.flight import __main__ as application
+from companion.flight.request import FlightRequest
 from companion.flight.warm_up import warm_up
 from companion.model import Measurement, Mode, Pose, Setpoint, wrap_rad
 from validation.fault_matrix.flyer_faults import FAULTS, install
@@ -91,19 +90,20 @@ class Straight:
 def main(arguments: Sequence[str]) -> int:
     """Fly with the options of the gate; the exit code of the application."""
     parser = argparse.ArgumentParser(prog="validation.fault_matrix.flyer", allow_abbrev=False)
+    parser.add_argument("--request-fd", type=int, required=True)
     parser.add_argument("--control", type=int, required=True)
     parser.add_argument("--wait", action="store_true")
-    given, rest = parser.parse_known_args(arguments)
+    given = parser.parse_args(arguments)
     setattr(pipeline, "Navigator", Straight)  # noqa: B010 - a plain assignment is none that types allow
     install(given.control)
-    settings = Settings.model_validate_json(unsealed(int(rest[rest.index("--settings-fd") + 1])), strict=True)
+    settings = FlightRequest.unsealed(given.request_fd).settings
     # What `process_faults` changes in the file.
     typer.echo(f"flyer: speed {settings.control.speed_mps:g} m/s")
     if given.wait:
         warm_up(settings)
         typer.echo(LOADED)
         FAULTS.go.wait(GO_S)
-    return flight_process.main(rest)
+    return application.main(["--request-fd", str(given.request_fd)])
 
 
 if __name__ == "__main__":

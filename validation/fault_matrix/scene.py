@@ -14,7 +14,8 @@ from pathlib import Path
 
 from companion.config.settings import Settings
 from companion.errors import CompanionError
-from companion.flight.launch import module, sealed
+from companion.flight.launch import application, module
+from companion.flight.request import FlightRequest, sealed
 from companion.gate.plan import Plan
 from companion.safety_case.gate_plan import to_plan
 from sitl.launch.processes import command, environment, free_tcp_port, free_udp_ports
@@ -270,14 +271,14 @@ def _gate(
     stack: contextlib.ExitStack, folder: Path, settings: Settings, flyer_port: int
 ) -> tuple[Plan, subprocess.Popen[bytes]]:
     """The gate as `companion run` starts it, with the test's own application."""
-    settings_fd = sealed("settings", settings.model_dump_json())
-    flyer = (*module("validation.fault_matrix.flyer"), "--control", str(flyer_port))
-    flown = ("run", "--settings-fd", str(settings_fd), "--preset", "flight", "--seed", "1", "--fix")
+    request = FlightRequest("run", settings, "flight", seed=1, fix=True)
+    first, again = request.sealed(), request.started_by("command").sealed()
+    flyer, control = "validation.fault_matrix.flyer", ("--control", str(flyer_port))
     plan = to_plan(
         settings,
-        command=(*flyer, "--wait", *flown),
-        restart_command=(*flyer, *flown, "--start", "command"),
-        inherit=(settings_fd,),
+        command=(*application(first, flyer), *control, "--wait"),
+        restart_command=(*application(again, flyer), *control),
+        inherit=(first, again),
     )
     plan_fd = sealed("plan", plan.dumps())
     with (folder / "gate.log").open("wb") as log:
@@ -288,10 +289,10 @@ def _gate(
             stderr=subprocess.STDOUT,
             env=environment(),
             cwd=ROOT,
-            pass_fds=(settings_fd, plan_fd),
+            pass_fds=(first, again, plan_fd),
             start_new_session=True,
         )
-    for number in (settings_fd, plan_fd):
+    for number in (first, again, plan_fd):
         os.close(number)
     stack.callback(_end_family, gate)
     return plan, gate

@@ -17,7 +17,9 @@ from companion.autopilot.link import MavsdkLink
 from companion.autopilot.telemetry import Telemetry
 from companion.clock import MonotonicClock
 from companion.config.autopilot import AutopilotSettings
-from companion.flight.operator_commands import Orders
+from companion.config.settings import Settings
+from companion.flight.operator_commands import OperatorCommands
+from companion.flight.phase import PhaseMachine
 from tests.autopilot.responder import Responder, free_port
 from tests.autopilot.udp_transport import UdpTransport
 from validation.fuzz.hostile import spoiled_often
@@ -94,9 +96,9 @@ class Line:
     def __init__(self, link: MavsdkLink, autopilot: Responder) -> None:
         self.link, self.autopilot = link, autopilot
         self.clock = MonotonicClock()
-        self.telemetry = Telemetry(link, self.clock)
-        self.orders = Orders(by_command=False)
-        self.orders.listen(link)
+        self.telemetry = Telemetry(link, self.clock, Settings())
+        self.operator = OperatorCommands(by_command=False, flight=PhaseMachine())
+        self.operator.listen(link)
         self.seen: list[Message] = []
         link.events("ATTITUDE", self._note)
 
@@ -115,7 +117,7 @@ class Line:
         await until(lambda: bool(self.seen) and abs(self.seen[-1].fields["yaw"] - self.autopilot.yaw_rad) < 1e-3)
         state = self.telemetry.state(self.clock.now_s())
         assert all(text.text.isprintable() for text in state.texts)
-        assert not self.orders.start.is_set()
+        assert not self.operator.start.is_set()
         self.telemetry.ask(self.clock.now_s())
 
 

@@ -16,21 +16,22 @@ import numpy as np
 from companion.autopilot import inbox
 from companion.autopilot.commands import Commands
 from companion.autopilot.link import _to_wire
-from companion.autopilot.status_reporter import Announcer
+from companion.autopilot.status_reporter import StatusReporter
 from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle import Vehicle
 from companion.config.sensors import CameraSettings, PlanarSettings, SensorSettings
 from companion.config.settings import Settings
-from companion.flight.control_loop import Pilot, TickRecord
-from companion.flight.operator_commands import Orders
-from companion.flight.rate import Pace
-from companion.flight.reporting import Announcements
+from companion.flight.control_loop import ControlLoop, Rate
+from companion.flight.events import EventEmitter, console, recording, status_text
+from companion.flight.operator_commands import OperatorCommands
+from companion.flight.phase import FlightPhase, PhaseMachine
+from companion.flight.reporting import TickReporter
 from companion.mapping.process.client import MapClient
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavCmd
 from companion.mavlink.modes import personality, px4_mode
 from companion.model import ABSURD, Setpoint
-from companion.pipeline import Explorer
+from companion.pipeline import Explorer, Tick
 from companion.recording import Recorder
 from companion.sensors.drivers.mavlink import MavlinkDriver
 from companion.sensors.sink import RawDepth, SensorSink
@@ -80,29 +81,32 @@ class Flying:
         self.mode, self.armed = self.modes.hold, True
         self.good = {"pose", "depth", "down", "heartbeat"}
         self.sink = SensorSink(self.clock)
-        self.telemetry = Telemetry(self.link, self.clock)
-        self.vehicle = Vehicle(self.link, self.telemetry, SETTINGS, self.clock, self._sleep)
-        self.orders = Orders(by_command=True)
-        self.orders.listen(self.link)
+        self.telemetry = Telemetry(self.link, self.clock, SETTINGS)
+        self.vehicle = Vehicle(self.link, self.telemetry, SETTINGS, self.clock)
+        self.flight = PhaseMachine()
+        self.operator = OperatorCommands(by_command=True, flight=self.flight)
+        self.operator.listen(self.link)
         self.commands = Commands(self.link.send, 1)
         self.link.events("COMMAND_ACK", self.commands.acknowledged)
-        self.announcer = Announcer(self.link, self.clock)
+        self.status_reporter = StatusReporter(self.link, self.clock)
         self.driver = MavlinkDriver(self.link, self.clock, {"DISTANCE_SENSOR": 20.0, "OBSTACLE_DISTANCE": 10.0})
         self.said: list[str] = []
         explorer = Explorer(SETTINGS, np.random.default_rng(1))
-        self.announcements = Announcements(
-            self.announcer,
+        recorder = cast("Recorder", SimpleNamespace(event=lambda _name, text, *_: text.encode()))
+        reporter = TickReporter(
+            EventEmitter(console(self._say), status_text(self.status_reporter), recording(recorder)),
+            self.status_reporter,
             self.telemetry,
             cast("MapClient", SimpleNamespace(status=SimpleNamespace(completeness=0.5, frontiers=3, problem=""))),
-            cast("Recorder", SimpleNamespace(event=lambda _name, text, *_: text.encode())),
-            self._say,
+            self.flight,
         )
-        self.pilot = Pilot(
+        self.control_loop = ControlLoop(
             Synchronizer(self.sink, self.telemetry.poses),
             explorer,
-            Pace(self.clock, SETTINGS.control.period_s),
+            Rate(self.clock, SETTINGS.control.period_s),
+            self.flight,
             self.vehicle,
-            (self.announcements,),
+            (reporter,),
         )
         self.faults = Faults()
         self.count = 0
@@ -158,13 +162,13 @@ class Flying:
             depth_m = np.full((CAMERA.height_px, CAMERA.width_px), WALL_M + 0.001 * (self.count % 50), np.float32)
             self.sink.depth(RawDepth(self.clock.now_s() - 0.03, depth_m, CAMERA))
 
-    def tick(self) -> TickRecord:
+    def tick(self) -> Tick:
         """One tick of the application, and whether it still makes sense."""
         before = len(self.link.sent)
         if self.count % 4 == 0:
             self.telemetry.ask(self.clock.now_s())
-        record = self.pilot.tick(self.clock.now_s())
-        self.announcer.tick()
+        record = self.control_loop.tick(self.clock.now_s())
+        self.status_reporter.tick()
         self.check_state()
         for name, fields in self.link.sent[before:]:
             if name == "SET_POSITION_TARGET_LOCAL_NED":
@@ -189,10 +193,6 @@ class Flying:
     def moves(self, setpoint: Setpoint | None) -> bool:
         """Whether a setpoint asks for any motion."""
         return setpoint is not None and any((setpoint.speed_mps, setpoint.climb_mps, setpoint.yaw_rate_radps))
-
-    async def _sleep(self, time_s: float) -> None:
-        self.clock.advance(time_s)
-        await asyncio.sleep(0)
 
     def _say(self, line: str) -> None:
         """Prints as a terminal in UTF-8 would."""
@@ -239,8 +239,7 @@ async def flying(kind: AutopilotKind = AutopilotKind.PX4, explore: bool = True) 
         if explore:
             bench.link.on_command = bench.obey
             await bench.vehicle.engage()
-            bench.announcements.phase("exploring")
-        bench.pilot.exploring = explore
+            bench.flight.phase = FlightPhase.EXPLORING
         yield bench
     finally:
         driving.cancel()

@@ -21,8 +21,8 @@ from mcap.writer import CompressionType, Writer
 from companion.config.mission import RecordSettings
 from companion.errors import InputError
 from companion.model import Beam, DepthFrame, Observation, PlanarScan, Pose, RangeReading
-from companion.pipeline import Explorer
-from companion.recording import FlightInfo, Recorder, Tick, open_recording
+from companion.pipeline import Explorer, Tick
+from companion.recording import FlightInfo, Recorder, open_recording
 from companion.recording.content import ENDED, ENGAGED, Topic
 from companion.recording.flight_stats import figures, render
 from companion.recording.replay import replay
@@ -47,11 +47,9 @@ def whole() -> bytes:
                 clock.advance(0.05)
                 seen = _observation(clock.time_s, i)
                 steering = explorer.step(seen)
-                recorder.tick(
-                    Tick(
-                        seen, steering.measurement, steering.setpoint, explorer.navigator.status.mode, True, 1.5, 0.001
-                    )
-                )
+                mode = explorer.navigator.status.mode
+                measurement, setpoint = steering.measurement, steering.setpoint
+                recorder.tick(Tick(clock.time_s, seen, measurement, setpoint, mode, True, 1.5, 0.001, stepped=True))
                 while recorder.recording and recorder.waiting > 2:
                     time.sleep(0.0005)  # much faster than real time, for which the queue is made
             recorder.event(ENDED, "complete")

@@ -1,4 +1,4 @@
-"""Whether law and gate count on more braking than was measured for the autopilot that is connected."""
+"""The check that law and gate count on no more braking than was measured for the connected autopilot."""
 
 from __future__ import annotations
 

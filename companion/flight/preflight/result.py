@@ -1,4 +1,4 @@
-"""What a check says, and how people read it."""
+"""Result of a check, and its rendering for people."""
 
 from __future__ import annotations
 

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Collection
-from dataclasses import dataclass
-
 import numpy as np
 
-from companion.autopilot.status_reporter import Announcer
 from companion.errors import CompanionError
-from companion.flight.control_loop import Pilot
+from companion.flight.control_loop import ControlLoop, Rate
+from companion.flight.events import Event, EventEmitter
 from companion.flight.preflight import CheckResult, refusal, render, run_checks
-from companion.flight.rate import Pace
-from companion.flight.reporting import Say
+from companion.flight.request import FlightRequest
 from companion.flight.session import Session
 from companion.flight.tasks import background
-from companion.mavlink.ids import MavSeverity
 from companion.pipeline import Explorer
 
 SETTLE_S = 3.0
@@ -30,69 +24,51 @@ class FlightRefusedError(CompanionError):
     """A pre-flight check failed."""
 
 
-@dataclass(frozen=True, slots=True)
-class Options:
-    """What the command line adds to the settings.
-
-    Attributes:
-        preset: its name, for the records.
-        seed: draws every choice of the navigator; None draws a new one, which is recorded.
-        fix: whether pre-flight may set parameters of the autopilot.
-        skip: names of checks to skip, besides those in the settings.
-    """
-
-    preset: str
-    seed: int | None = None
-    fix: bool = False
-    skip: Collection[str] = ()
-
-
-async def passed(session: Session, options: Options, announcer: Announcer, say: Say) -> list[CheckResult]:
+async def passed(session: Session, request: FlightRequest, events: EventEmitter) -> list[CheckResult]:
     """The results, when the vehicle may fly; told to the pilot when it may not."""
-    results = await checked(session, options, say)
+    results = await checked(session, request, events)
     why = refusal(results)
     if why is None:
         return results
     names = ", ".join(result.name for result in results if result.failed)
-    announcer.say(f"not armed: {names}", MavSeverity.ERROR)
-    announcer.tick()
-    say(render(results))
+    events.emit(Event.REFUSED, results=render(results), failed=names)
     raise FlightRefusedError(why)
 
 
-async def checked(session: Session, options: Options, say: Say) -> list[CheckResult]:
+async def checked(session: Session, request: FlightRequest, events: EventEmitter) -> list[CheckResult]:
     """Wait until the autopilot knows its position, listen for a while, and look at everything."""
     settings, clock = session.settings, session.clock
-    pilot = Pilot(
+    control_loop = ControlLoop(
         session.inputs,
         Explorer(settings, np.random.default_rng(0)),
-        Pace(clock, settings.control.period_s),
-        helm=None,
+        Rate(clock, settings.control.period_s),
+        session.flight,
+        vehicle=None,
         gate=session.gate,
     )
-    async with background(pilot.run()):
-        await _until_position(session, say)
-        await asyncio.sleep(SETTLE_S)
+    async with background(control_loop.run()):
+        await _until_position(session, events)
+        await clock.sleep(SETTLE_S)
         return await run_checks(
             session.link,
             session.telemetry,
             settings,
             session.sink.statistics(clock.now_s()),
-            fix=options.fix,
-            skip=(*settings.mission.skip_checks, *options.skip),
-            height_m=pilot.measured_height_m(),
+            fix=request.fix,
+            skip=(*settings.mission.skip_checks, *request.skip),
+            height_m=control_loop.measured_height_m(),
             clock=clock,
         )
 
 
-async def _until_position(session: Session, say: Say) -> None:
+async def _until_position(session: Session, events: EventEmitter) -> None:
     """An autopilot that has just been switched on needs up to a minute: what it lacks then is no failure yet."""
-    say("connected; listening to the autopilot and the sensors")
+    events.emit(Event.CONNECTED)
     clock, timeout_s = session.clock, session.settings.autopilot.ready_timeout_s
     began_s = clock.now_s()
-    told = False
+    announced = False
     while not session.telemetry.state(clock.now_s()).position_valid and clock.now_s() < began_s + timeout_s:
-        if not told and clock.now_s() > began_s + SETTLE_S:
-            told = True
-            say(f"waiting for the autopilot's position, up to {timeout_s:g} s")
-        await asyncio.sleep(LOOK_PERIOD_S)
+        if not announced and clock.now_s() > began_s + SETTLE_S:
+            announced = True
+            events.emit(Event.NO_POSITION_YET, timeout_s=timeout_s)
+        await clock.sleep(LOOK_PERIOD_S)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -97,7 +96,7 @@ class Bench:
                 **OF_PERSONALITY[kind.value],
             }
         )
-        self.telemetry = Telemetry(self.link, self.clock)
+        self.telemetry = Telemetry(self.link, self.clock, self.settings)
         self.inputs = {"depth": Reading(5.0)} | {beam: Reading(10.0) for beam in BEAMS}
         self.height_m: float | None = 0.12
         self.armed = False
@@ -135,33 +134,31 @@ class Bench:
         else:
             self.link.deliver("EKF_STATUS_REPORT", {"flags": 0x3F if self.healthy else 1024})
 
-    def check(self, fix: bool = False, skip: Collection[str] = ()) -> dict[str, CheckResult]:
+    async def check(self, fix: bool = False, skip: Collection[str] = ()) -> dict[str, CheckResult]:
         self.listen()
-        results = asyncio.run(
-            run_checks(
-                self.link,
-                self.telemetry,
-                self.settings,
-                self.inputs,
-                fix=fix,
-                skip=skip,
-                height_m=self.height_m,
-                clock=self.clock,
-            )
+        results = await run_checks(
+            self.link,
+            self.telemetry,
+            self.settings,
+            self.inputs,
+            fix=fix,
+            skip=skip,
+            height_m=self.height_m,
+            clock=self.clock,
         )
         self.results = results
         return {result.name: result for result in results}
 
-    def failures(self, **options: Any) -> list[str]:
-        return [result.name for result in self.check(**options).values() if result.failed]
+    async def failures(self, **options: Any) -> list[str]:
+        return [result.name for result in (await self.check(**options)).values() if result.failed]
 
 
 @pytest.mark.parametrize("gps", [True, False])
 @pytest.mark.parametrize("kind", list(AutopilotKind))
-def test_a_vehicle_with_which_everything_is_right_may_fly(kind: AutopilotKind, gps: bool, tmp_path: Path) -> None:
+async def test_a_vehicle_with_which_everything_is_right_may_fly(kind: AutopilotKind, gps: bool, tmp_path: Path) -> None:
     bench = Bench(kind, tmp_path, gps)
     before = dict(bench.link.params)
-    assert bench.failures(fix=True) == []
+    assert (await bench.failures(fix=True)) == []
     assert refusal(bench.results) is None
     assert bench.link.params == before, "--fix changes only what is wrong"
 
@@ -221,44 +218,44 @@ def _impossible_height(bench: Bench) -> None:
         (_impossible_height, ["height"]),
     ],
 )
-def test_each_fault_fails_its_own_check(spoil: Any, failed: list[str], tmp_path: Path) -> None:
+async def test_each_fault_fails_its_own_check(spoil: Any, failed: list[str], tmp_path: Path) -> None:
     bench = Bench(PX4, tmp_path)
     spoil(bench)
-    assert bench.failures() == failed
+    assert (await bench.failures()) == failed
     message = refusal(bench.results)
     assert message is not None
     assert all(name in message for name in failed)
 
 
 @pytest.mark.parametrize("kind", list(AutopilotKind))
-def test_a_vehicle_that_has_landed_may_fly_again_and_one_that_lands_may_not(
+async def test_a_vehicle_that_has_landed_may_fly_again_and_one_that_lands_may_not(
     kind: AutopilotKind, tmp_path: Path
 ) -> None:
     """Protects the flight after a landing: both autopilots go on showing it, with the motors off."""
     bench = Bench(kind, tmp_path)
     bench.mode = 0x06040000 if kind is PX4 else 9
-    assert bench.failures() == []
+    assert (await bench.failures()) == []
     bench.armed = True
-    assert set(bench.failures()) == {"disarmed", "mode"}
+    assert set(await bench.failures()) == {"disarmed", "mode"}
     bench.armed = False
     bench.mode = 0x05040000 if kind is PX4 else 6
-    assert bench.failures() == ["mode"], "return"
+    assert (await bench.failures()) == ["mode"], "return"
 
 
-def test_an_autopilot_that_fell_silent_fails_the_link(tmp_path: Path) -> None:
+async def test_an_autopilot_that_fell_silent_fails_the_link(tmp_path: Path) -> None:
     bench = Bench(PX4, tmp_path)
     bench.listen()
     bench.clock.advance(5.0)
     bench.seconds = 0.0
-    failures = bench.failures()
+    failures = await bench.failures()
     assert failures[0] == "link"
     assert {"attitude", "position", "estimator"} <= set(failures)
 
 
-def test_a_folder_that_cannot_be_written_fails_storage(tmp_path: Path) -> None:
+async def test_a_folder_that_cannot_be_written_fails_storage(tmp_path: Path) -> None:
     bench = Bench(PX4, tmp_path)
     (tmp_path / "flights").write_text("a file")
-    assert bench.failures() == ["storage"]
+    assert (await bench.failures()) == ["storage"]
 
 
 @pytest.mark.parametrize(
@@ -280,124 +277,124 @@ def test_a_folder_that_cannot_be_written_fails_storage(tmp_path: Path) -> None:
         (ARDUPILOT, "BATT_FS_LOW_ACT", 2, 0),
     ],
 )
-def test_a_dangerous_parameter_stops_the_flight_and_fix_sets_it(
+async def test_a_dangerous_parameter_stops_the_flight_and_fix_sets_it(
     kind: AutopilotKind, name: str, bad: float, set_to: float, tmp_path: Path
 ) -> None:
     bench = Bench(kind, tmp_path)
     bench.link.params[name] = bad
-    results = bench.check()
+    results = await bench.check()
     assert [result.name for result in results.values() if result.failed] == [name]
     assert f"param set {name} {set_to:.7g}" in results[name].fix
     assert bench.link.params[name] == bad, "nothing is set without --fix"
-    fixed = bench.check(fix=True)[name]
+    fixed = (await bench.check(fix=True))[name]
     assert fixed.ok
     assert fixed.fix.startswith("set by --fix")
     assert bench.link.params[name] == pytest.approx(set_to)
-    assert bench.failures() == []
+    assert (await bench.failures()) == []
 
 
-def test_ardupilots_avoidance_may_stay_when_it_cannot_push(tmp_path: Path) -> None:
+async def test_ardupilots_avoidance_may_stay_when_it_cannot_push(tmp_path: Path) -> None:
     """By default it flies backwards in front of a wall; below d_c and without backing up it does no harm."""
     bench = Bench(ARDUPILOT, tmp_path)
     bench.link.params |= {"AVOID_ENABLE": 3, "AVOID_MARGIN": 0.5, "AVOID_BACKUP_SPD": 0.0}
-    assert bench.failures() == []
+    assert (await bench.failures()) == []
     bench.link.params["AVOID_MARGIN"] = bench.settings.control.critical_margin_m
-    assert bench.failures() == ["AVOID_ENABLE"]
+    assert (await bench.failures()) == ["AVOID_ENABLE"]
     bench.link.params |= {"AVOID_MARGIN": 0.5, "AVOID_BACKUP_SPD": 0.75}
-    assert bench.failures() == ["AVOID_ENABLE"]
+    assert (await bench.failures()) == ["AVOID_ENABLE"]
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), -1.0])
-def test_no_odd_value_passes_for_a_timeout(bad: float, tmp_path: Path) -> None:
+async def test_no_odd_value_passes_for_a_timeout(bad: float, tmp_path: Path) -> None:
     bench = Bench(PX4, tmp_path)
     bench.link.params["COM_OF_LOSS_T"] = bad
-    assert bench.failures() == ["COM_OF_LOSS_T"]
+    assert (await bench.failures()) == ["COM_OF_LOSS_T"]
 
 
-def test_a_missing_parameter_is_told_and_stops_only_where_it_must(tmp_path: Path) -> None:
+async def test_a_missing_parameter_is_told_and_stops_only_where_it_must(tmp_path: Path) -> None:
     bench = Bench(PX4, tmp_path)
     del bench.link.params["EKF2_NOAID_TOUT"], bench.link.params["COM_OF_LOSS_T"]
-    results = bench.check(fix=True)
+    results = await bench.check(fix=True)
     assert results["EKF2_NOAID_TOUT"].ok
     assert results["EKF2_NOAID_TOUT"].found == "the autopilot has no such parameter"
     assert results["COM_OF_LOSS_T"].failed
 
 
-def test_a_parameter_that_cannot_be_read_or_set_is_a_failed_check_and_no_crash(tmp_path: Path) -> None:
+async def test_a_parameter_that_cannot_be_read_or_set_is_a_failed_check_and_no_crash(tmp_path: Path) -> None:
     bench = Bench(PX4, tmp_path)
     bench.link.params["COM_OBL_RC_ACT"] = 0
     bench.link.frozen_params = {"COM_OBL_RC_ACT"}
     bench.link.silent_params = {"COM_OF_LOSS_T"}
-    results = bench.check(fix=True)
+    results = await bench.check(fix=True)
     assert [name for name, result in results.items() if result.failed] == ["COM_OF_LOSS_T", "COM_OBL_RC_ACT"]
     assert "read back" in results["COM_OBL_RC_ACT"].fix
 
 
 @pytest.mark.parametrize("kind", list(AutopilotKind))
-def test_without_gps_its_parameters_are_checked_and_need_a_reboot(kind: AutopilotKind, tmp_path: Path) -> None:
+async def test_without_gps_its_parameters_are_checked_and_need_a_reboot(kind: AutopilotKind, tmp_path: Path) -> None:
     """What the autopilot obeys only after a reboot is not done when it is set."""
     bench = Bench(kind, tmp_path, gps=False)
     name = "EKF2_HGT_REF" if kind is PX4 else "VISO_TYPE"
     wanted = bench.link.params[name]
     bench.link.params[name] = 0
-    result = bench.check(fix=True)[name]
+    result = (await bench.check(fix=True))[name]
     assert result.failed
     assert "reboot" in result.fix
     assert bench.link.params[name] == wanted
-    assert bench.failures() == []
+    assert (await bench.failures()) == []
 
 
-def test_with_gps_the_parameters_of_flying_without_are_not_asked_for(tmp_path: Path) -> None:
+async def test_with_gps_the_parameters_of_flying_without_are_not_asked_for(tmp_path: Path) -> None:
     bench = Bench(PX4, tmp_path)
-    assert set(WITHOUT_GPS[PX4]).isdisjoint(bench.check())
+    assert set(WITHOUT_GPS[PX4]).isdisjoint(await bench.check())
     assert bench.link.sent_named("SET_GPS_GLOBAL_ORIGIN") == []
 
 
-def test_without_gps_the_autopilot_is_told_an_origin(tmp_path: Path) -> None:
+async def test_without_gps_the_autopilot_is_told_an_origin(tmp_path: Path) -> None:
     bench = Bench(ARDUPILOT, tmp_path, gps=False)
-    bench.check()
+    (await bench.check())
     assert len(bench.link.sent_named("SET_GPS_GLOBAL_ORIGIN")) == 1
 
 
-def test_a_skipped_check_is_on_record_and_stops_nothing(tmp_path: Path) -> None:
+async def test_a_skipped_check_is_on_record_and_stops_nothing(tmp_path: Path) -> None:
     bench = Bench(PX4, tmp_path)
     bench.link.params["COM_OBL_RC_ACT"] = 0
     bench.height_m = None
-    results = bench.check(fix=True, skip=("height", "COM_OBL_RC_ACT", "GUID_TIMEOUT"))
+    results = await bench.check(fix=True, skip=("height", "COM_OBL_RC_ACT", "GUID_TIMEOUT"))
     assert refusal(bench.results) is None
     assert [result.name for result in results.values() if result.skipped] == ["height", "COM_OBL_RC_ACT"]
     assert bench.link.params["COM_OBL_RC_ACT"] == 0, "what is skipped is not fixed either"
 
 
 @pytest.mark.parametrize("kind", list(AutopilotKind))
-def test_braking_that_was_not_measured_stops_ardupilot_until_somebody_skips_it(
+async def test_braking_that_was_not_measured_stops_ardupilot_until_somebody_skips_it(
     kind: AutopilotKind, tmp_path: Path
 ) -> None:
     """Protects whoever flies ArduPilot with the defaults, which are PX4's: nobody overlooks them any more."""
     bench = Bench(kind, tmp_path)
     bench.settings = bench.settings.model_copy(update={"control": Settings().control})
-    assert bench.failures(fix=True) == (["braking"] if kind is ARDUPILOT else [])
-    assert bench.failures(skip=("braking",)) == []
+    assert (await bench.failures(fix=True)) == (["braking"] if kind is ARDUPILOT else [])
+    assert (await bench.failures(skip=("braking",))) == []
     assert [result.name for result in bench.results if result.skipped] == (["braking"] if kind is ARDUPILOT else [])
 
 
-def test_a_check_that_does_not_exist_cannot_be_skipped(tmp_path: Path) -> None:
+async def test_a_check_that_does_not_exist_cannot_be_skipped(tmp_path: Path) -> None:
     bench = Bench(PX4, tmp_path)
     with pytest.raises(InputError, match=r"cannot skip batery: no such check\. The checks are: link, .*battery"):
-        bench.check(skip=("batery",))
+        (await bench.check(skip=("batery",)))
 
 
 @pytest.mark.parametrize("kind", list(AutopilotKind))
-def test_every_check_can_be_skipped_by_its_name(kind: AutopilotKind, tmp_path: Path) -> None:
+async def test_every_check_can_be_skipped_by_its_name(kind: AutopilotKind, tmp_path: Path) -> None:
     bench = Bench(kind, tmp_path, gps=False)
-    assert set(bench.check()) <= set(check_names(bench.settings))
+    assert set(await bench.check()) <= set(check_names(bench.settings))
 
 
-def test_the_table_fits_a_terminal_and_says_what_to_do(tmp_path: Path) -> None:
+async def test_the_table_fits_a_terminal_and_says_what_to_do(tmp_path: Path) -> None:
     bench = Bench(PX4, tmp_path)
     bench.link.params["COM_OBL_RC_ACT"] = 0
     bench.link.params["COM_OF_LOSS_T"] = 1.0
-    bench.check(skip=("height",))
+    (await bench.check(skip=("height",)))
     table = render(bench.results)
     assert max(map(len, table.splitlines())) <= 110
     assert "param set COM_OBL_RC_ACT 5, or --fix" in " ".join(table.split())

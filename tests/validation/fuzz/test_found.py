@@ -20,7 +20,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle import Vehicle
 from companion.errors import InputError
-from companion.flight.operator_commands import Orders
+from companion.flight.operator_commands import OperatorCommands
+from companion.flight.phase import PhaseMachine
 from companion.mavlink.ids import MavCmd
 from companion.model import Camera
 from companion.recording import open_recording
@@ -41,7 +42,7 @@ def test_a_heartbeat_that_cannot_be_read_does_not_end_the_flight(spoiled: dict[s
     """It was taken for that of a disarmed vehicle."""
     clock = HandClock()
     link = FakeLink(clock)
-    telemetry = Telemetry(link, clock)
+    telemetry = Telemetry(link, clock, SETTINGS)
     link.deliver("HEARTBEAT", ARMED)
     clock.advance(1.0)
     link.deliver("HEARTBEAT", ARMED | spoiled)
@@ -53,14 +54,14 @@ def test_a_heartbeat_that_cannot_be_read_does_not_end_the_flight(spoiled: dict[s
 def test_a_mode_that_is_no_number_is_no_takeover() -> None:
     clock = HandClock()
     link = FakeLink(clock)
-    vehicle = Vehicle(link, Telemetry(link, clock), SETTINGS, clock)
-    vehicle._commander.watch.ask(frozenset({4}))
+    vehicle = Vehicle(link, Telemetry(link, clock, SETTINGS), SETTINGS, clock)
+    vehicle._modes._monitor.ask(frozenset({4}))
     link.deliver("HEARTBEAT", ARMED)
     link.deliver("HEARTBEAT", ARMED | {"custom_mode": True})
     link.deliver("HEARTBEAT", ARMED | {"base_mode": False})
-    assert not vehicle.pilot_took_over
+    assert not vehicle.taken_over
     link.deliver("HEARTBEAT", ARMED | {"custom_mode": 5})
-    assert vehicle.pilot_took_over
+    assert vehicle.taken_over
 
 
 @pytest.mark.parametrize("text", ["\x1b[2Jcleared", "\ud800 half a letter", "two\r\nlines", "a" * 70_000])
@@ -68,7 +69,7 @@ def test_a_statustext_can_be_printed(text: str) -> None:
     """The operator's terminal obeyed it; half a surrogate pair would have ended the loop that flies."""
     clock = HandClock()
     link = FakeLink(clock)
-    telemetry = Telemetry(link, clock)
+    telemetry = Telemetry(link, clock, SETTINGS)
     link.deliver("STATUSTEXT", {"severity": 4, "text": text})
     (said,) = telemetry.texts
     assert said.text.isprintable()
@@ -79,7 +80,7 @@ def test_a_number_too_large_for_a_float_is_none(caplog: pytest.LogCaptureFixture
     """It raised out of `Telemetry.state`, and so out of the loop that flies."""
     clock = HandClock()
     link = FakeLink(clock)
-    telemetry = Telemetry(link, clock)
+    telemetry = Telemetry(link, clock, SETTINGS)
     link.deliver("SYS_STATUS", {"battery_remaining": 10**400})
     link.deliver("ATTITUDE", dict.fromkeys(("time_boot_ms", "roll", "pitch", "yaw", "yawspeed"), 10**400))
     link.deliver("TIMESYNC", {"tc1": 10**400, "ts1": 1})
@@ -92,7 +93,7 @@ def test_a_pose_of_long_ago_is_no_pose() -> None:
     """The buffer took it while it was empty, for one that had only just been measured in its own time."""
     clock = HandClock()
     link = FakeLink(clock)
-    telemetry = Telemetry(link, clock)
+    telemetry = Telemetry(link, clock, SETTINGS)
     attitude = dict.fromkeys(("roll", "pitch", "yaw", "yawspeed"), 0.0)
     position = dict.fromkeys(("x", "y", "z", "vx", "vy", "vz"), 0.0)
     link.deliver("ATTITUDE", {"time_boot_ms": 60_000, **attitude})
@@ -106,12 +107,12 @@ def test_a_pose_of_long_ago_is_no_pose() -> None:
 )
 def test_a_command_that_cannot_be_read_starts_nothing(fields: dict[str, Any], caplog: pytest.LogCaptureFixture) -> None:
     link = FakeLink(HandClock())
-    orders = Orders(by_command=True)
-    orders.listen(link)
+    operator = OperatorCommands(by_command=True, flight=PhaseMachine())
+    operator.listen(link)
     told = {"target_system": 1, "target_component": 191, "command": MavCmd.MISSION_START, "param1": 0.0}
     link.deliver("COMMAND_LONG", told | {"command": 193} | fields if "param1" in fields else told | fields, 255, 190)
-    assert not orders.start.is_set()
-    assert not orders.stop.is_set()
+    assert not operator.start.is_set()
+    assert not operator.stop.is_set()
     assert not caplog.records
 
 

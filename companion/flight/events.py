@@ -1,0 +1,153 @@
+"""Events of a flight that people are told: one table, one emitter, and a sink each for console, pilot and recording."""
+
+from __future__ import annotations
+
+import enum
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from companion.autopilot.status_reporter import StatusReporter
+from companion.mavlink.ids import MavSeverity, MavState
+from companion.recording import Recorder, content
+
+
+@dataclass(frozen=True, slots=True)
+class Texts:
+    """Texts of an event for each place where it is told. Braces are filled in with the details of its occurrence.
+
+    Attributes:
+        console: the operator's line; None: none.
+        status: the STATUSTEXT for the pilot, of which 50 bytes are shown; None: none.
+        kind: its name in the recording; empty: it is not recorded.
+        recorded: the text in the recording, where it is not that of the console.
+        severity: of the STATUSTEXT, and of the entry in the recording.
+        state: what our heartbeat says from now on; None: as before.
+    """
+
+    console: str | None = None
+    status: str | None = None
+    kind: str = ""
+    recorded: str | None = None
+    severity: MavSeverity = MavSeverity.INFO
+    state: MavState | None = None
+
+
+_NOTICE, _WARNING, _ERROR = MavSeverity.NOTICE, MavSeverity.WARNING, MavSeverity.ERROR
+
+
+@enum.unique
+class Event(enum.Enum):
+    """Everything that happens in a flight and that somebody has to know of, in the order of a flight."""
+
+    LOADING = Texts("loading the navigator (the first time on a computer compiles it, about a minute)")
+    CONNECTING = Texts("looking for the autopilot at {url}")
+    CONNECTED = Texts("connected; listening to the autopilot and the sensors")
+    NO_POSITION_YET = Texts("waiting for the autopilot's position, up to {timeout_s:g} s")
+    REFUSED = Texts("{results}", "not armed: {failed}", severity=_ERROR)
+    MAP_STARTING = Texts(
+        "starting the map (the first start on a computer compiles it: a minute, on a small one several)"
+    )
+    MAP_RESUMED = Texts("the map of {folder} goes on: {chunks} chunks")
+    CHECK_PASSED = Texts(kind="check", recorded="{name} passed: {found}")
+    CHECK_SKIPPED = Texts(kind="check", recorded="{name} skipped: {found}", severity=_WARNING)
+
+    WAITING = Texts(
+        "waiting for the start", "companion: waiting for the start", "phase", severity=_NOTICE, state=MavState.STANDBY
+    )
+    READY_FOR_KEY = Texts("ready: press Enter to take off")
+    READY_FOR_COMMAND = Texts("ready: waiting for MAV_CMD_MISSION_START")
+    CHECKING_AGAIN = Texts("checking again")
+    TAKING_OFF = Texts("taking off", "companion: taking off", "phase", severity=_NOTICE, state=MavState.ACTIVE)
+    EXPLORING = Texts("exploring", "companion: exploring", content.ENGAGED, severity=_NOTICE, state=MavState.ACTIVE)
+
+    PROGRESS = Texts("{line}")
+    NAVIGATOR_MODE = Texts(status="{mode}")
+    INPUTS_LOST = Texts(
+        "stopped: no {missing}", "stopped: no {missing}", "inputs", severity=_WARNING, state=MavState.CRITICAL
+    )
+    INPUTS_BACK = Texts(
+        status="inputs are back", kind="inputs", recorded="back", severity=_NOTICE, state=MavState.ACTIVE
+    )
+    MAP_TROUBLE = Texts("map: {problem}", "map: {problem}", "map", severity=_WARNING)
+    MAP_WELL = Texts("map: in order again", "map: in order again", "map", severity=_NOTICE)
+    AUTOPILOT_TEXT = Texts("autopilot: {text}", kind="statustext", recorded="{text}")
+    GATE_NOTICE = Texts("gate: {text}", kind="gate", recorded="{text}", severity=_WARNING)
+
+    ENDED = Texts(
+        "exploring ended: {why}", "companion: {end}: {then}", content.ENDED, "{why}", _NOTICE, state=MavState.ACTIVE
+    )
+    ENDED_EARLY = Texts(
+        "exploring ended: {why}", "companion: {end}: {then}", content.ENDED, "{why}", _WARNING, state=MavState.EMERGENCY
+    )
+    BROKE_OFF = Texts(kind=content.ENDED, recorded="{why}", severity=_ERROR)
+    MAP_WRITING = Texts("writing the map")
+    MAP_NOT_WRITTEN = Texts("the map was not written: {error}")
+    OVER = Texts("{why}: {files} map files are in {map_folder}, the recording in {folder}")
+
+
+Details = Mapping[str, object]
+Sink = Callable[[Event, Details], None]
+"""Takes every event with its details; never blocks and never raises."""
+
+
+class EventEmitter:
+    """Passes every event to every sink.
+
+    Args:
+        sinks: those there are from the beginning.
+    """
+
+    def __init__(self, *sinks: Sink) -> None:
+        self._sinks = list(sinks)
+
+    def add(self, sink: Sink) -> None:
+        """From now on this one gets every event too."""
+        self._sinks.append(sink)
+
+    def emit(self, event: Event, **details: object) -> None:
+        """Something happened; ``details`` fill in the texts of the table."""
+        for sink in self._sinks:
+            sink(event, details)
+
+
+_LEVELS = {MavSeverity.WARNING: logging.WARNING, MavSeverity.ERROR: logging.ERROR}
+
+
+def console(show: Callable[[str], None]) -> Sink:
+    """A line for the operator.
+
+    Args:
+        show: prints a line.
+    """
+
+    def sink(event: Event, details: Details) -> None:
+        if event.value.console is not None:
+            show(event.value.console.format_map(details))
+
+    return sink
+
+
+def status_text(status_reporter: StatusReporter) -> Sink:
+    """A STATUSTEXT for the pilot, and the state in our heartbeat: standby on the ground, anything else in the air."""
+
+    def sink(event: Event, details: Details) -> None:
+        texts = event.value
+        if texts.status is not None:
+            status_reporter.say(texts.status.format_map(details), texts.severity)
+        if texts.state is not None:
+            status_reporter.state(texts.state, armed=texts.state is not MavState.STANDBY)
+
+    return sink
+
+
+def recording(recorder: Recorder) -> Sink:
+    """An entry in the recording's log."""
+
+    def sink(event: Event, details: Details) -> None:
+        texts = event.value
+        text = texts.console if texts.recorded is None else texts.recorded
+        if texts.kind and text is not None:
+            recorder.event(texts.kind, text.format_map(details), _LEVELS.get(texts.severity, logging.INFO))
+
+    return sink

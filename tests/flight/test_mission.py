@@ -1,0 +1,181 @@
+"""A whole flight in virtual time: the real application between a scripted autopilot, a fake gate and a fake map."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import pytest
+
+from companion.autopilot.telemetry import Telemetry
+from companion.config.settings import Settings
+from companion.flight import mission
+from companion.flight.gate_client import GateClient
+from companion.flight.phase import PhaseMachine
+from companion.flight.preflight import check_names
+from companion.flight.request import FlightRequest
+from companion.flight.session import Session
+from companion.flight.tasks import background
+from companion.gate.protocol import Beat, Phase
+from companion.mavlink.firmware import AutopilotKind
+from companion.mavlink.ids import MavCmd
+from companion.model import Beam, RangeReading
+from companion.recording import open_recording
+from companion.recording.flight_stats import figures
+from companion.sensors.sink import RawDepth, SensorSink
+from companion.sensors.synchronizer import Synchronizer
+from tests.autopilot.fake_link import HandClock
+from tests.autopilot.scripted import ScriptedAutopilot, ScriptedLink
+from tests.flight.fake_gate import FakeGate
+from tests.flight.test_reporting import STATUS
+
+EXPLORED_S = 12.0
+WALL_M = 4.0
+
+
+class Map:
+    """In the place of the process of the map: complete after a while."""
+
+    def __init__(self, clock: HandClock) -> None:
+        self.status = STATUS
+        self.offered = 0
+        self._clock = clock
+
+    def __call__(self, *_: object, **__: object) -> Self:
+        """As if it were the class of the map."""
+        return self
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        return
+
+    def offer(self, _: object) -> bool:
+        self.offered += 1
+        return True
+
+    def offer_scan(self, _: object) -> bool:
+        return True
+
+    async def save(self) -> list[Path]:
+        # The gate must go on hearing that all is well meanwhile.
+        await self._clock.sleep(5.0)
+        return [Path("map.ply")]
+
+
+class Mine(ScriptedAutopilot):
+    """The scripted autopilot, what the vehicle's own sensors see where it flies, walls all around, and the gate."""
+
+    def __init__(self, link: ScriptedLink, clock: HandClock, settings: Settings, gate: FakeGate) -> None:
+        super().__init__(link, clock)
+        self.beats: list[Beat] = []
+        self._gate = gate
+        self.sink = SensorSink(clock)
+        self._camera = settings.sensors.camera.model()
+        self._count = 0
+        self.heartbeat()
+
+    def _step(self, dt_s: float) -> None:
+        super()._step(dt_s)
+        self.beats += self._gate.beats()
+        now_s = self.clock.now_s()
+        self._count += 1
+        stamp = {"time_boot_ms": int(1000.0 * now_s) - 900_000}
+        self.link.deliver("ATTITUDE", stamp | dict.fromkeys(("roll", "pitch", "yaw", "yawspeed"), 0.0))
+        place = dict.fromkeys(("x", "y", "vx", "vy", "vz"), 0.0)
+        self.link.deliver("LOCAL_POSITION_NED", stamp | place | {"z": -self.height_m})
+        self.link.deliver("ESTIMATOR_STATUS", {"flags": 0x3F})
+        # No two readings of a sensor are alike to the last bit: a frozen one is not believed.
+        wall_m = WALL_M + 0.001 * (self._count % 50)
+        beams = [RangeReading(beam, now_s, wall_m, 8.0) for beam in Beam if beam is not Beam.DOWN]
+        self.sink.ranges([RangeReading(Beam.DOWN, now_s, self.height_m + 0.1, 8.0), *beams])
+        shape = (self._camera.height_px, self._camera.width_px)
+        self.sink.depth(RawDepth(now_s, np.full(shape, wall_m, np.float32), self._camera))
+
+
+class Scene:
+    """A flight whose every second is virtual."""
+
+    def __init__(self, gate: FakeGate, folder: Path, start: str, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.settings = Settings.model_validate({"record": {"folder": str(folder)}, "mission": {"start": start}})
+        self.gate = gate
+        self.clock = HandClock()
+        self.link = ScriptedLink(self.clock, AutopilotKind.PX4)
+        self.mine = Mine(self.link, self.clock, self.settings, gate)
+        self.map = Map(self.clock)
+        self.lines: list[str] = []
+        monkeypatch.setattr(mission, "warm_up", lambda _: None)
+        monkeypatch.setattr(mission, "MonotonicClock", lambda: self.clock)
+        monkeypatch.setattr(mission, "MapClient", self.map)
+        monkeypatch.setattr(mission, "open_session", self._session)
+
+    @asynccontextmanager
+    async def _session(
+        self, settings: Settings, clock: HandClock, gate: GateClient, flight: PhaseMachine
+    ) -> AsyncIterator[Session]:
+        telemetry, sink = Telemetry(self.link, clock, settings), self.mine.sink
+        async with background(gate.run(), telemetry.run()):
+            inputs = Synchronizer(sink, telemetry.poses)
+            yield Session(settings, clock, self.link, telemetry, sink, inputs, gate, flight)
+
+    async def fly(self) -> dict[str, Any]:
+        """The flight; its checks, which have tests of their own, are skipped."""
+        skip = check_names(self.settings)
+        return await mission.fly(
+            FlightRequest("run", self.settings, "flight", 1, skip=skip), self.gate.link, self._show
+        )
+
+    def _show(self, line: str) -> None:
+        self.lines.append(line)
+        if line == "exploring":
+            self.mine.at(EXPLORED_S, self._complete)
+        elif line.startswith("ready:"):
+            self.mine.at(1.0, self._start)
+
+    def _complete(self) -> None:
+        self.map.status = replace(STATUS, complete=True)
+
+    def _start(self) -> None:
+        ours = {"target_system": 1, "target_component": 191, "command": MavCmd.MISSION_START, "param1": 0.0}
+        self.link.deliver("COMMAND_LONG", ours, system_id=255, component_id=190)
+
+
+@pytest.fixture
+def gate() -> Iterator[FakeGate]:
+    with FakeGate() as fake:
+        yield fake
+
+
+@pytest.mark.parametrize("start", ["now", "command"])
+async def test_a_flight_from_the_checks_to_the_summary(
+    start: str, gate: FakeGate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Protects the wiring: what every room does is tested there, that they are joined is tested here."""
+    scene = Scene(gate, tmp_path, start, monkeypatch)
+    summary = await scene.fly()
+    folder = next(tmp_path.iterdir())  # noqa: ASYNC240 - nothing else runs any more
+    assert json.loads((folder / "summary.json").read_text()) == summary
+    assert (summary["ended_because"], summary["as_it_should"], summary["interrupted"]) == ("complete", True, False)
+    assert summary["explored_s"] == pytest.approx(EXPLORED_S, abs=0.5)
+    assert not scene.mine.armed
+    assert ("waiting for the start" in scene.lines) is (start == "command")
+    said = ["taking off", "exploring", "exploring ended: complete", "writing the map"]
+    assert [line for line in scene.lines if line in said] == said
+    texts = [fields["text"] for fields in scene.link.sent_named("STATUSTEXT")]
+    assert "companion: complete: landing" in texts
+    flown = figures(folder / "flight.mcap")
+    assert flown.engaged_s == pytest.approx(EXPLORED_S, abs=0.5)
+    assert flown.setpoints == pytest.approx(20 * EXPLORED_S, abs=10)
+    assert len(list(open_recording(folder / "flight.mcap").observations())) > 20 * EXPLORED_S
+    assert scene.map.offered > 100
+    assert list(dict.fromkeys(beat.phase for beat in scene.mine.beats)) == list(Phase)
+    times_s = [beat.t_s for beat in scene.mine.beats if beat.phase is not Phase.GROUND]
+    assert max(after - before for before, after in pairwise(times_s)) < 0.11, "also while the map is written"
+    assert summary["beats_unsent"] == 0
