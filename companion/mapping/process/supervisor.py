@@ -70,6 +70,7 @@ class MapSupervisor:
         self._gone = asyncio.Event()
         self._news = asyncio.Event()
         self._stage = "loading"
+        self._lost = 0
         self.is_ready = False
         self.restarts = 0
         self.why = ""
@@ -168,9 +169,10 @@ class MapSupervisor:
             await asyncio.to_thread(process.join, END_TIMEOUT_S)
             process.kill()
             await asyncio.to_thread(process.join)
-            lost = self._on_death()
             if not self._closing.is_set():
-                _log.error("the process of the map died (exit code %s): %d images are lost", process.exitcode, lost)
+                _log.error(
+                    "the process of the map died (exit code %s): %d images are lost", process.exitcode, self._lost
+                )
             self._process = None
             process.close()
 
@@ -193,7 +195,9 @@ class MapSupervisor:
                 self._on_message(message)
         except (EOFError, OSError):
             asyncio.get_running_loop().remove_reader(pipe.fileno())
+            # At once: whoever sees that it does not run any more sees what is lost with it too.
             self.is_ready = False
+            self._lost = self._on_death()
             self._gone.set()
             self._news.set()
 
