@@ -1,4 +1,7 @@
-"""How far it is to the nearest obstacle: through chunks and bricks to voxels, near ones first."""
+"""How far it is to the nearest obstacle: through chunks and bricks to voxels, near ones first.
+
+A query for programs that plan in a map (docs/map.md, "Asking the map"): no part of the companion asks it yet.
+"""
 
 from __future__ import annotations
 

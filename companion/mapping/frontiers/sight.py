@@ -7,6 +7,8 @@ whoever passes through an edge or a corner touches all that meet there, whoever 
 As in Amanatides and Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing" (1987), the line is followed layer by
 layer, here across the axis along which it is longest: first through bricks of 4 x 4 x 4 voxels, and through the voxels
 of those bricks only that are not wholly free.
+
+A query for programs that plan in a map (docs/map.md, "Asking the map"): no part of the companion asks it yet.
 """
 
 from __future__ import annotations
