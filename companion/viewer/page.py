@@ -19,7 +19,7 @@ import viser
 from numpy.typing import NDArray
 
 from companion.errors import InputError
-from companion.mapping.files.colours import viridis
+from companion.mapping.files.clouds import viridis
 from companion.model import FloatArray
 from companion.viewer.voxels import PackedVoxels, State
 
@@ -97,7 +97,7 @@ class Page:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
+        """The port that it listens on."""
         return int(self.server.get_port())
 
     def wait(self) -> None:
@@ -124,7 +124,7 @@ def serve(
     """
     _refuse_taken(host, port)
     clouds = {state: cloud(voxels, state, most_points) for state in State}
-    # Viser prints a banner and a farewell of its own, whatever it is told.
+    # Viser prints a banner and a farewell of its own, whatever its settings.
     with redirect_stdout(io.StringIO()):
         server = _Server(host=host, port=port, label=title, verbose=False)
     try:

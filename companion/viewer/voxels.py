@@ -75,7 +75,7 @@ def packed(source: MapSource, progress: Callable[[int], None] = lambda _: None) 
 
     Args:
         source: the map.
-        progress: is told how many chunks were seen so far.
+        progress: is given how many chunks were seen so far.
     """
     chunks = [np.zeros((0, 3), np.int32)]
     bits = [np.zeros((3, 0, _OCTETS), np.uint8)]

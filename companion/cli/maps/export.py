@@ -10,7 +10,7 @@ from companion.cli.maps.progress import Progress
 from companion.cli.maps.sources import opened, refuse_target, write_errors
 from companion.errors import InputError
 from companion.mapping.files import FORMATS, write
-from companion.mapping.files.clip import Box, ClippedMap
+from companion.mapping.files.merge import Box, ClippedMap
 from companion.mapping.files.mesh import MESH_FORMATS, write_mesh
 from companion.mapping.voxels.chunks import NOTHING
 from companion.mapping.voxels.piece import MapSource

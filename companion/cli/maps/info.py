@@ -8,9 +8,8 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from companion.cli.maps import wording
 from companion.cli.maps.progress import Progress
-from companion.cli.maps.sources import map_at, opened
+from companion.cli.maps.sources import losses_text, map_at, opened, size_text
 from companion.mapping.files.facts import MapFacts, facts_of
 from companion.mapping.journal import Header, Journal
 from companion.mapping.voxels.piece import MapSource
@@ -82,7 +81,7 @@ def _info(place: Path, source: MapSource, progress: Progress) -> MapInfo:
 def _render(info: MapInfo) -> str:
     facts, header = info.facts, info.header
     rows = [
-        ("map", f"{info.path}, {wording.size(info.bytes_on_disk)}, written {info.written}"),
+        ("map", f"{info.path}, {size_text(info.bytes_on_disk)}, written {info.written}"),
         ("voxel", f"{facts.voxel_m:g} m"),
         ("frame", "not said in the file" if header is None else header.frame),
         ("sensor model", _model(info)),
@@ -119,10 +118,10 @@ def _model(info: MapInfo) -> str:
 def _damage(info: MapInfo) -> str:
     words = []
     if info.losses:
-        words.append(wording.losses(info.losses, info.lost_bytes))
+        words.append(losses_text(info.losses, info.lost_bytes))
     if info.torn_bytes:
         words.append(
-            f"its end is missing ({wording.size(info.torn_bytes)} do not make a record): its writer was stopped in "
+            f"its end is missing ({size_text(info.torn_bytes)} do not make a record): its writer was stopped in "
             "mid-write, by which nothing committed is lost, or it was not copied whole"
         )
     return "; ".join(words) or "none found"

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import typer
 
-from companion.cli.maps import wording
 from companion.cli.maps.progress import Progress
 from companion.errors import CompanionError, InputError
 from companion.mapping.files import MapFileError, open_map
@@ -68,7 +67,7 @@ def opened(path: Path, *, tells_losses: bool = True) -> Iterator[MapSource]:
         if tells_losses and isinstance(source, Journal):
             lost = [loss.size_bytes for loss in source.losses if not loss.torn]
             if lost:
-                typer.echo(f"{place}: {wording.losses(len(lost), sum(lost))}", err=True)
+                typer.echo(f"{place}: {losses_text(len(lost), sum(lost))}", err=True)
     finally:
         if isinstance(source, Journal):
             source.close()
@@ -116,3 +115,16 @@ def write_errors(target: Path) -> Iterator[None]:
         if not isinstance(cause, OSError):
             raise
         raise MapCommandError(f"{target}: {cause.strerror or cause}; nothing was written there") from None
+
+
+def losses_text(places: int, size_bytes: int) -> str:
+    """What of a map was damaged."""
+    return f"{places} place{'s' if places > 1 else ''} cannot be read: {size_text(size_bytes)} of the map are lost"
+
+
+def size_text(size_bytes: int) -> str:
+    """A size as people say it."""
+    for unit, large in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if size_bytes >= large:
+            return f"{size_bytes / large:.1f} {unit}"
+    return f"{size_bytes} bytes"

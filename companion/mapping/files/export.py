@@ -10,10 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled
-from companion.mapping.files.errors import MapFileError
+from companion.errors import InputError
 from companion.mapping.voxels.chunks import EDGE, NOTHING, OFFSETS
 from companion.mapping.voxels.piece import MapSource
 from companion.model import FloatArray
+
+
+class MapFileError(InputError):
+    """A file that holds no map, a name that says no format, or a map that a format cannot hold."""
+
 
 Progress = Callable[[float], None]
 """Takes the share of the work that is done, from 0 to 1. An error that it raises ends the work."""
@@ -40,7 +45,7 @@ class Points:
 
 @dataclass(frozen=True, slots=True)
 class Export:
-    """A map that is to be written, and what one look at all of it told.
+    """A map that is to be written, and what one look at all of it gave.
 
     Formats say first how many points follow and how far they reach, and the map may be too large for the memory: so it
     is read once for this and once more for every file.

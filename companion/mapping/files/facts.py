@@ -58,7 +58,7 @@ def facts_of(source: MapSource, progress: Callable[[int], None] = lambda _: None
 
     Args:
         source: the map.
-        progress: is told how many chunks were seen so far.
+        progress: is given how many chunks were seen so far.
     """
     counts = np.zeros(4, np.int64)
     box = np.array([[_LIMIT] * 3, [-_LIMIT] * 3])

@@ -18,11 +18,9 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mapping.files.errors import MapFileError
-from companion.mapping.files.export import Progress, silent, writable
+from companion.mapping.files.export import MapFileError, Progress, silent, writable
 from companion.mapping.files.mesh_cells import WORDS, make_surface, mark_cells
-from companion.mapping.files.spool import Spool
-from companion.mapping.files.whole import whole_file
+from companion.mapping.files.whole import Spool, whole_file
 from companion.mapping.voxels.chunks import NOTHING, VOLUME, chunk_key
 from companion.mapping.voxels.piece import MapSource
 

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled
-from companion.mapping.files.errors import MapFileError
-from companion.mapping.files.export import Export, Progress, writable
+from companion.mapping.files.export import Export, MapFileError, Progress, writable
 from companion.mapping.files.octree_nodes import (
     FREE_LEAF,
     FULL_NODE_BYTES,
@@ -30,7 +29,7 @@ from companion.mapping.files.octree_nodes import (
     encode_chunks,
     joined,
 )
-from companion.mapping.files.spool import Spool
+from companion.mapping.files.whole import Spool
 from companion.mapping.voxels.chunks import NOTHING, SHIFT
 
 LEVELS = 16

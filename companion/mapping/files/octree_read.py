@@ -11,8 +11,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mapping.files.errors import MapFileError
-from companion.mapping.files.export import Progress, silent
+from companion.mapping.files.export import MapFileError, Progress, silent
 from companion.mapping.files.octree import BINARY_NAME, CHUNK_LEVEL, CHUNK_OFFSET, FULL_NAME, THRESHOLD_NOTE
 from companion.mapping.files.octree_walk import (
     MOST_WAITING,

@@ -1,9 +1,9 @@
 """The flood fill that draws the plan, from where the vehicle was through all that is free, and keeps it right.
 
 The plan is what a flood from all places flown at once would give: nodes nearer to them first; of the same number of
-steps, in the order of their ranks (`flood_order`). So a node depends on those with fewer steps only, and when a part of
-the map has changed what is on it is drawn anew, with all that was entered through it (`flood_removal`), and nothing
-else. Whatever the order in which the map became known, the plan is the same.
+steps, in the order of their ranks (`flood_work`). So a node depends on those with fewer steps only, and when a part of
+the map has changed what is on it is drawn anew, with all that was entered through it (`_remove`), and nothing else.
+Whatever the order in which the map became known, the plan is the same.
 """
 
 from __future__ import annotations
@@ -12,14 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled, inner
-from companion.mapping.frontiers.flood_order import RANK_OF_SIDES, entered_from_mm, is_before, is_taken
-from companion.mapping.frontiers.flood_removal import remove
-from companion.mapping.frontiers.flood_work import Work, touch, wait
+from companion.mapping.frontiers.flood_work import (
+    RANK_OF_SIDES,
+    Work,
+    entered_from_mm,
+    is_before,
+    is_taken,
+    touch,
+    wait,
+)
 from companion.mapping.frontiers.flown import flown_around, flown_at
 from companion.mapping.frontiers.plan import (
     CELLS,
     FLOWN,
     KEPT,
+    NONE,
     SIDES,
     first_sheet,
     is_node,
@@ -66,7 +73,7 @@ def add_flown(work: Work, places: NDArray[np.int64]) -> NDArray[np.int64]:
 @compiled
 def remove_flown(work: Work, node: Integer) -> None:
     """Have the flood begin no longer at a node that `add_flown` made."""
-    remove(work, node)
+    _remove(work, node)
     _settle(work)
 
 
@@ -80,7 +87,7 @@ def _fly(work: Work, i: int, j: int, height_mm: int) -> int:
     while sheet >= 0:
         node = sheet * CELLS + place
         if is_node(plan, node) and not plan.flags[node] & FLOWN:
-            remove(work, node)
+            _remove(work, node)
         sheet = int(plan.others[sheet])
     _enter(work, i, j, 1, 0, height_mm)
     made = flown_at(plan, i, j, height_mm, s.level_mm)
@@ -106,7 +113,7 @@ def _measure_again(work: Work, i: Integer, j: Integer) -> None:
             kind = _known(kind, flown, kept)
             was = np.int64(plan.kinds[node])
             if height_mm != plan.heights_mm[node] or (kind & 3 == FREE) != (was & 3 == FREE):
-                remove(work, node)
+                _remove(work, node)
             elif kind != was:
                 plan.kinds[node] = kind
                 touch(work, i, j)
@@ -171,7 +178,7 @@ def _enter(work: Work, i: Integer, j: Integer, steps: Integer, rank: Integer, fr
         node = sheet * CELLS + place
         comes_after = is_node(plan, node) and not is_before(plan, node, steps, rank, from_mm)
         if comes_after and not plan.flags[node] & FLOWN:
-            remove(work, node)
+            _remove(work, node)
         sheet = int(plan.others[sheet])
     node = room_for(plan, i, j)
     if node < 0:
@@ -203,3 +210,77 @@ def _spread(work: Work, node: Integer, i: Integer, j: Integer) -> None:
         a, b = i + SIDES[side, 0], j + SIDES[side, 1]
         if not is_taken(plan, work.shape, a, b, steps, RANK_OF_SIDES + side, height_mm):
             wait(work.tasks, steps, a, b)
+
+
+@inner
+def _remove(work: Work, node: Integer) -> None:
+    """Take away a node, all on its cell that come after it, and all that was entered through them."""
+    plan, circle = work.plan, work.circle
+    waiting = np.empty(64, np.int64)
+    removed = np.empty(64, np.int64)
+    waiting[0] = node
+    count, gone = 1, 0
+    while count > 0:
+        count -= 1
+        at = waiting[count]
+        if not is_node(plan, at):
+            continue
+        sheet, place = at // CELLS, at % CELLS
+        i, j = plan.corners[sheet, 0] + (place >> 4), plan.corners[sheet, 1] + (place & 15)
+        steps, rank, from_mm = np.int64(plan.steps[at]), np.int64(plan.ranks[at]), entered_from_mm(plan, at)
+        height_mm = np.int64(plan.heights_mm[at])
+        flown = bool(plan.flags[at] & FLOWN)
+        plan.steps[at], plan.flags[at] = NONE, 0
+        touch(work, i, j)
+        if gone == removed.shape[0]:
+            removed = np.concatenate((removed, np.empty_like(removed)))
+        removed[gone] = at
+        gone += 1
+        around = 4 + (circle.shape[0] if flown else 0)
+        for n in range(-1, around):
+            if n < 0:
+                a, b, its_rank = i, j, -1
+            elif n < 4:
+                a, b, its_rank = i + SIDES[n, 0], j + SIDES[n, 1], RANK_OF_SIDES + n
+            else:
+                a, b, its_rank = i + circle[n - 4, 0], j + circle[n - 4, 1], n - 3
+            other = first_sheet(plan, a, b)
+            its_place = on_tile(a, b)
+            while other >= 0:
+                its = other * CELLS + its_place
+                if is_node(plan, its) and not plan.flags[its] & FLOWN:
+                    if n < 0:
+                        follows = not is_before(plan, its, steps, rank, from_mm)
+                    else:
+                        follows = (
+                            plan.steps[its] == steps + 1
+                            and plan.ranks[its] == its_rank
+                            and entered_from_mm(plan, its) == height_mm
+                        )
+                    if follows:
+                        if count == waiting.shape[0]:
+                            waiting = np.concatenate((waiting, np.empty_like(waiting)))
+                        waiting[count] = its
+                        count += 1
+                other = int(plan.others[other])
+    for n in range(gone):
+        sheet, place = removed[n] // CELLS, removed[n] % CELLS
+        _ask_again(work, plan.corners[sheet, 0] + (place >> 4), plan.corners[sheet, 1] + (place & 15))
+
+
+@inner
+def _ask_again(work: Work, i: Integer, j: Integer) -> None:
+    """Have cell (i, j) looked at for all that may enter it."""
+    plan = work.plan
+    for side in range(4):
+        a, b = i - SIDES[side, 0], j - SIDES[side, 1]
+        sheet = first_sheet(plan, a, b)
+        place = on_tile(a, b)
+        while sheet >= 0:
+            node = sheet * CELLS + place
+            if is_node(plan, node) and kind_of(plan, node) == FREE:
+                wait(work.tasks, np.int64(plan.steps[node]) + 1, i, j)
+            sheet = int(plan.others[sheet])
+    # The rest of the room may be in use: nodes are removed while others enter.
+    if flown_around(plan, work.circle, i, j, work.near[work.near.shape[0] - 10 :], 1) > 0:
+        wait(work.tasks, 2, i, j)

@@ -23,7 +23,7 @@ LEAST_FRONTIER_M = 0.5
 half a metre is too small for a vehicle that needs 2 d_c to pass."""
 
 MOST_FRONTIERS = 64
-"""So many frontiers are told one by one."""
+"""So many frontiers are reported one by one."""
 
 ENOUGH_SEEN = 0.97
 """Share of floor and roof that has to be seen. Not all: no reachable place looks into every niche and shadow."""

@@ -1,4 +1,4 @@
-"""Which cells of the plan are frontiers, which of them belong together, and what is told of each frontier.
+"""Which cells of the plan are frontiers, which of them belong together, and what is reported of each frontier.
 
 An unknown cell belongs to a frontier unless it may be the surface of a wall. That it can be seen through free cells
 from where the vehicle can be is a mark of its own: only such frontiers count.
@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled, inner
-from companion.mapping.frontiers.counts import FRONTIER_CELLS
 from companion.mapping.frontiers.frontier import LEAST_FRONTIER_M, Access, Frontier
 from companion.mapping.frontiers.plan import (
     AT_WALL,
@@ -20,14 +19,15 @@ from companion.mapping.frontiers.plan import (
     FRONTIER,
     MARKED,
     Plan,
+    Shape,
     first_sheet,
     is_node,
     kind_of,
     nearest_node,
     on_tile,
 )
-from companion.mapping.frontiers.plan_shape import Shape
 from companion.mapping.frontiers.reachable import is_reached
+from companion.mapping.frontiers.tiles import FRONTIER_CELLS
 from companion.mapping.voxels.chunks import Integer
 from companion.mapping.voxels.lookup import FREE, UNKNOWN
 from companion.model import FloatArray

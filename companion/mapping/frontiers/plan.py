@@ -2,7 +2,8 @@
 
 A cell of the plan is a square of about 10 cm, and each place on it a node. Nodes over one cell that are further apart
 in height than a level are different places, as in a spiral ramp. Nodes are kept in sheets: a sheet is a tile of 16 x 16
-cells with room for one node on each, and a tile with several levels has several sheets.
+cells with room for one node on each, and a tile with several levels has several sheets. `Shape` has the numbers of a
+plan, which follow from the size of the voxels and from what the vehicle can do.
 
 Heights are whole millimetres, so that the same node has the same height however it was come by.
 """
@@ -16,10 +17,75 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import inner
-from companion.mapping.frontiers.plan_shape import Shape
+from companion.mapping.frontiers.frontier import Reach
 from companion.mapping.frontiers.state_grid import Grid, brick_words, has, row_of, slot_of
 from companion.mapping.voxels.chunks import MASK, SHIFT, Integer, chunk_key, place_of
 from companion.mapping.voxels.lookup import FREE, OCCUPIED, UNKNOWN
+
+CELL_M = 0.1
+"""Edge of a cell of the plan, or the edge of a voxel where that is more."""
+
+_SURFACE_SHARE = 0.75
+"""Floor and roof count where the camera can see them from this share of its range."""
+
+_GAP_M = 0.2
+"""So much of which the looks did not decide may lie before a floor or a roof."""
+
+_DROP_M = 1.0
+"""How far below where it should be the ground is still looked for."""
+
+
+class Shape(NamedTuple):
+    """The numbers of a plan. Those without a unit are voxels.
+
+    Attributes:
+        voxel_mm: edge of a voxel.
+        stride: voxels along one edge of a cell.
+        height_mm: H.
+        most_mm: so much higher or lower than the node before it a node is at most.
+        level_mm: nodes of one cell within this height are the same.
+        half: what is this much above or below the centre of the vehicle is in its way.
+        gap: so many unknown voxels may lie before a floor or a roof.
+        below: voxels of a column that are read below the vehicle.
+        above: and above it.
+        up: the roof counts up to so far above the slab.
+        down: the floor counts down to so far below it.
+    """
+
+    voxel_mm: float
+    stride: int
+    height_mm: int
+    most_mm: int
+    level_mm: int
+    half: int
+    gap: int
+    below: int
+    above: int
+    up: int
+    down: int
+
+
+def shape_of(voxel_m: float, reach: Reach) -> Shape:
+    """The numbers of a plan over voxels with edges of ``voxel_m``, for a vehicle that can do this."""
+    stride = max(1, round(CELL_M / voxel_m))
+    half = max(1, round(reach.half_slab_m / voxel_m))
+    gap = max(1, round(_GAP_M / voxel_m))
+    up_m = max(_SURFACE_SHARE * reach.look_m * math.tan(reach.up_rad), 0.0)
+    down_m = max(_SURFACE_SHARE * reach.look_m * math.tan(reach.down_rad), 0.0)
+    return Shape(
+        voxel_mm=1000.0 * voxel_m,
+        stride=stride,
+        height_mm=round(1000.0 * reach.height_m),
+        most_mm=round(1000.0 * reach.max_slope * stride * voxel_m),
+        level_mm=round(500.0 * reach.height_m),
+        half=half,
+        gap=gap,
+        below=math.ceil((max(reach.height_m + _DROP_M, down_m) + reach.half_slab_m) / voxel_m),
+        above=math.ceil((up_m + reach.half_slab_m) / voxel_m) + gap + 1,
+        up=math.floor(up_m / voxel_m) - half + gap,
+        down=math.floor(down_m / voxel_m) - half + gap,
+    )
+
 
 TILE = 16
 """Cells along one edge of a tile."""

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled, inner
-from companion.mapping.frontiers.counts import REACHED_CELLS
 from companion.mapping.frontiers.plan import (
     BLOCKED,
     CELLS,
@@ -18,13 +17,14 @@ from companion.mapping.frontiers.plan import (
     SIDES,
     TILE,
     Plan,
+    Shape,
     first_sheet,
     is_node,
     kind_of,
     on_tile,
 )
-from companion.mapping.frontiers.plan_shape import Shape
 from companion.mapping.frontiers.state_grid import has
+from companion.mapping.frontiers.tiles import REACHED_CELLS
 from companion.mapping.voxels.chunks import Integer
 from companion.mapping.voxels.lookup import FREE
 from companion.model import FloatArray

@@ -1,6 +1,6 @@
 """Surveys of a growing map: what changed since the last one is looked at, and the rest is kept.
 
-`Surveyor` is told of the map and of the flight, and does one step of a survey after the other; what a step does is in
+`Surveyor` follows the map and the flight, and does one step of a survey after the other; what a step does is in
 the file that its functions come from.
 """
 
@@ -11,25 +11,26 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mapping.frontiers.changes import cells_over, tiles_around, touch_under
-from companion.mapping.frontiers.counts import (
+from companion.mapping.frontiers.flood import add_flown, follow_map, remove_flown
+from companion.mapping.frontiers.flood_work import Work, no_tasks
+from companion.mapping.frontiers.flown import WIDEST, flown_at
+from companion.mapping.frontiers.frontier import MOST_FRONTIERS, Access, Reach, Survey
+from companion.mapping.frontiers.frontier_cells import clusters, frontiers_of, mark_frontiers
+from companion.mapping.frontiers.plan import MOST_SHEETS, TILE, cells_within, empty_plan, shape_of
+from companion.mapping.frontiers.reachable import count_reached, part_sheets, reached_parts
+from companion.mapping.frontiers.state_grid import StateGrid
+from companion.mapping.frontiers.tiles import (
     COUNTS,
     FREE_CELLS,
     REACHED_CELLS,
     SURFACES_MISSING,
     SURFACES_SEEN,
     UNKNOWN_CELLS,
+    cells_over,
     count_tiles,
+    tiles_around,
+    touch_under,
 )
-from companion.mapping.frontiers.flood import add_flown, follow_map, remove_flown
-from companion.mapping.frontiers.flood_work import Work, no_tasks
-from companion.mapping.frontiers.flown import WIDEST, flown_at
-from companion.mapping.frontiers.frontier import MOST_FRONTIERS, Access, Reach, Survey
-from companion.mapping.frontiers.frontier_cells import clusters, frontiers_of, mark_frontiers
-from companion.mapping.frontiers.plan import MOST_SHEETS, TILE, cells_within, empty_plan
-from companion.mapping.frontiers.plan_shape import shape_of
-from companion.mapping.frontiers.reachable import count_reached, part_sheets, reached_parts
-from companion.mapping.frontiers.state_grid import StateGrid
 from companion.mapping.frontiers.walls import make_room_around, mark_near, probe
 from companion.mapping.voxels.chunks import CHUNK_LIMIT, EDGE
 from companion.mapping.voxels.piece import MapPiece
@@ -59,7 +60,7 @@ class Surveyor:
     """Surveys one map. For one thread at a time.
 
     It keeps the states of all voxels, which `nearest` and `sight` may ask too, and the plan at flight height: for 10 km
-    of tunnel less than 150 MB. It is told what changes, and a survey costs what has changed and a little for all.
+    of tunnel less than 150 MB. It is given what changes, and a survey costs what has changed and a little for all.
 
     Args:
         voxel_m: edge of a voxel.
@@ -178,7 +179,7 @@ class Surveyor:
         touch_under(self._plan, both, self._touched)
 
     def _leave(self) -> None:
-        """Where the vehicle was at the last survey counts no longer, unless it was told that it flew there."""
+        """Where the vehicle was at the last survey counts no longer, unless `flew` has it."""
         if self._here >= 0:
             remove_flown(self._work, self._here)
             self._here = -1

@@ -16,6 +16,7 @@ from companion.mapping.frontiers.plan import (
     PROBE,
     TILE,
     Plan,
+    Shape,
     first_sheet,
     is_node,
     kind_of,
@@ -23,7 +24,6 @@ from companion.mapping.frontiers.plan import (
     on_tile,
     room_for,
 )
-from companion.mapping.frontiers.plan_shape import Shape
 from companion.mapping.frontiers.state_grid import Grid
 from companion.mapping.voxels.chunks import Integer
 from companion.mapping.voxels.lookup import OCCUPIED, UNKNOWN

@@ -13,6 +13,12 @@ _PLACE, _SIZE = 0, 1
 _OFFSET_BITS = 32
 _OFFSET = (1 << _OFFSET_BITS) - 1
 
+_WASTE = 1.75
+"""Files may be this many times as large as what is needed of them."""
+
+_WORTH_COPYING = 0.75
+"""A file of which a larger share is needed is left alone."""
+
 
 class Contents:
     """The segments of a journal, and where the newest record of each chunk is in them.
@@ -62,6 +68,19 @@ class Contents:
         """The segment and the offset that a place means."""
         return self.segments[place >> _OFFSET_BITS], place & _OFFSET
 
+    def most_wasteful(self, segment_bytes: int) -> Segment | None:
+        """The segment, not the newest, with the least that is still needed; None when copying that is not worth it.
+
+        Args:
+            segment_bytes: size of a file; half of one may be wasted in any case.
+        """
+        segments = [one for one in self.segments.values() if one.live_bytes > 0 and not one.damaged]
+        if sum(one.end for one in segments) <= _WASTE * self.live_bytes + segment_bytes / 2:
+            return None
+        newest = max(self.segments)
+        worst = min((one for one in segments if one.number != newest), key=_live_share, default=None)
+        return worst if worst is not None and _live_share(worst) < _WORTH_COPYING else None
+
     def point(self, keys: NDArray[np.int64], places: NDArray[np.int64], sizes: NDArray[np.int64]) -> None:
         """These records are the newest of their chunks now."""
         rows = self._rows.add(keys)
@@ -80,6 +99,10 @@ class Contents:
         numbers = places >> _OFFSET_BITS
         for number in np.unique(numbers[numbers > 0]).tolist():
             self.segments[number].live_bytes += int(sizes[numbers == number].sum())
+
+
+def _live_share(segment: Segment) -> float:
+    return segment.live_bytes / segment.end
 
 
 def place_of_record(segment: Segment, offset: int) -> int:

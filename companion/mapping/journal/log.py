@@ -79,7 +79,7 @@ def record_at(data: bytes | memoryview, at: int) -> Record | None:
 
 
 def records(data: bytes, begin: int, path: Path, lose: Callable[[Loss], None]) -> Iterator[Record]:
-    """The whole records of a segment from ``begin`` on; what lies between them is told to ``lose``."""
+    """The whole records of a segment from ``begin`` on; what lies between them is given to ``lose``."""
     view = memoryview(data)
     at = begin
     while at < len(data):

@@ -48,7 +48,7 @@ def refuse_foreign(folder: Path) -> None:
     """Raise when a folder without segments holds anything else.
 
     Raises:
-        JournalError: it does; one of the names is told.
+        JournalError: it does; one of them is named.
     """
     others = sorted(path.name for path in folder.iterdir() if path.name != LOCK_NAME)
     if others:
@@ -61,7 +61,7 @@ def recover(folder: Path, *, writes: bool, progress: Progress | None = None) -> 
     Args:
         folder: of the journal.
         writes: cut torn ends off; the caller holds the lock.
-        progress: told how much of the work is done, from 0 to 1.
+        progress: takes the share of the work that is done, from 0 to 1.
 
     Raises:
         JournalError: the segments are of different maps, of a newer version, or no header can be read.

@@ -20,7 +20,7 @@ from companion.mapping.journal.lock import lock
 from companion.mapping.journal.log import FRONT_BYTES, Loss, packed, record_at
 from companion.mapping.journal.recovery import Progress, recover, refuse_foreign, segment_paths
 from companion.mapping.journal.rows import chunks_of, key_of, keys_of
-from companion.mapping.journal.segment import Segment
+from companion.mapping.journal.segment import Segment, sync_folder
 from companion.mapping.voxels.chunks import VOLUME
 from companion.mapping.voxels.piece import MOST_CHUNKS, MapPiece, MapSource
 
@@ -31,8 +31,6 @@ _BATCH = 256
 """Chunks that are encoded at once: 2 MiB of room at the worst."""
 
 _COPIED_AT_ONCE = 32
-_WASTE = 1.75
-_WORTH_COPYING = 0.75
 
 
 class Journal:
@@ -85,7 +83,7 @@ class Journal:
         Args:
             folder: of the journal; made when it is missing.
             header: what the map is; None: whatever is there.
-            progress: told how much of the reading is done, from 0 to 1.
+            progress: takes the share of the reading that is done, from 0 to 1.
             segment_bytes: a file that has grown to this is followed by another.
 
         Raises:
@@ -201,7 +199,7 @@ class Journal:
 
         Args:
             source: the map; what it has of a chunk stands in place of what the journal had.
-            taken: is told how many chunks were taken so far.
+            taken: is given how many chunks were taken so far.
 
         Raises:
             OSError: the disk is full or broken, or the source cannot be read. What was taken before stays.
@@ -284,7 +282,7 @@ class Journal:
             OSError: the disk is full or broken; nothing is lost.
         """
         end_s = time.monotonic() + budget_s
-        while (worst := self._worst()) is not None:
+        while (worst := self._contents.most_wasteful(self._segment_bytes)) is not None:
             if time.monotonic() >= end_s:
                 return True
             self._copy(self._contents.keys_in(worst)[:_COPIED_AT_ONCE])
@@ -341,7 +339,7 @@ class Journal:
         if self._new_files:
             self._new_files = False
             try:
-                _sync_folder(self.folder)
+                sync_folder(self.folder)
             except OSError:
                 self._new_files = True
                 raise
@@ -382,28 +380,6 @@ class Journal:
         segment.damaged = True
         self._losses.append(Loss(segment.path, offset, size, torn=False))
         self._contents.forget(key)
-
-    def _worst(self) -> Segment | None:
-        """The segment with the least that is still needed, when it is worth to copy that."""
-        segments = [one for one in self._contents.segments.values() if one.live_bytes > 0 and not one.damaged]
-        size = sum(one.end for one in segments)
-        if size <= _WASTE * self._contents.live_bytes + self._segment_bytes / 2:
-            return None
-        newest = max(self._contents.segments)
-        worst = min((one for one in segments if one.number != newest), key=_share, default=None)
-        return worst if worst is not None and _share(worst) < _WORTH_COPYING else None
-
-
-def _share(segment: Segment) -> float:
-    return segment.live_bytes / segment.end
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _reads_only(folder: Path) -> ValueError:

@@ -146,7 +146,7 @@ class MapClient:
         self._kept: asyncio.Future[Kept] | None = None
         self._reported = MapStatus()
         self._tally = Tally()
-        self._heard_s = -math.inf
+        self._last_message_s = -math.inf
         self._resumed_chunks = 0
 
     async def __aenter__(self) -> Self:
@@ -170,7 +170,7 @@ class MapClient:
     def status(self) -> MapStatus:
         """How the map stands, as it last said. Costs nothing."""
         reported, tally = self._reported, self._tally
-        age_s = self._clock.now_s() - self._heard_s
+        age_s = self._clock.now_s() - self._last_message_s
         alive = self._supervisor.is_ready
         return replace(
             reported,
@@ -269,7 +269,7 @@ class MapClient:
         return sent
 
     def _on_message(self, message: FromMap) -> None:
-        self._heard_s = self._clock.now_s()
+        self._last_message_s = self._clock.now_s()
         match message:
             case Taken(source, slot, used):
                 self._rings[source].give_back(slot)

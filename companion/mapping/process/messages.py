@@ -1,4 +1,4 @@
-"""What the application and the process of the map tell each other, through one pipe. All of it is small."""
+"""The messages between the application and the process of the map, through one pipe. All of them are small."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class MapStatus:
         refused: those that cannot be used: of another size, or with a pose that is no number.
         lost: images and scans that were in the map and are not any more, because the process died before they were on
             the disk: the last second's, each time.
-        age_s: since the process was last heard; infinite before.
+        age_s: since the last message of the process; infinite before.
         alive: whether the process runs.
         restarts: how often it died and was started again, with what the journal held.
         resumed_chunks: chunks that the journal held when the process was last started.

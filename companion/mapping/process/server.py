@@ -70,7 +70,7 @@ def serve(
     reach: Reach,
     journal: Path | None,
 ) -> None:
-    """Be the map until told to stop, or until the other end of the pipe is gone."""
+    """Be the map until `Stop`, or until the other end of the pipe is gone."""
     ignore_ctrl_c()
     os.nice(MAP_NICENESS)
     try:
@@ -92,7 +92,7 @@ def serve(
 
 
 def compile_ahead(
-    settings: MapSettings, cameras: Sequence[Camera], reach: Reach, tell: Callable[[str], None] = lambda _: None
+    settings: MapSettings, cameras: Sequence[Camera], reach: Reach, on_stage: Callable[[str], None] = lambda _: None
 ) -> None:
     """Put an image of each camera, and a scan, into a map that is thrown away: the first one would take seconds.
 
@@ -100,21 +100,21 @@ def compile_ahead(
         settings: of the map.
         cameras: that will take the images.
         reach: what the vehicle can do.
-        tell: is given what comes next.
+        on_stage: is given what comes next.
     """
     pose = Pose(0.0, 0.0, 0.0, reach.height_m, 0.0)
     with tempfile.TemporaryDirectory() as folder:
         with JournaledMap(settings, Path(folder) / "map") as scratch:
-            tell("compiling what puts images into the map")
+            on_stage("compiling what puts images into the map")
             for camera in cameras:
                 depth_m = np.full((camera.height_px, camera.width_px), camera.max_range_m / 2.0, np.float32)
                 scratch.integrate(DepthFrame(0.0, depth_m, camera, pose))
-            tell("compiling what puts scans into the map")
+            on_stage("compiling what puts scans into the map")
             bearings_rad = np.linspace(-math.pi, math.pi, 90, endpoint=False)
             scratch.integrate_scan(PlanarScan(0.0, bearings_rad, np.full(90, 2.0), 4.0, pose))
         # From the journal, as after a restart.
         with JournaledMap(settings, Path(folder) / "map") as scratch:
-            tell("compiling what looks for frontiers")
+            on_stage("compiling what looks for frontiers")
             surveyor = _surveyor(scratch, reach)
             surveyor.update(scratch.snapshot())
             surveyor.flew(np.array([[0.0, 0.0, reach.height_m]]))
@@ -195,7 +195,7 @@ class MapServer:
         self._next_survey_s = self._next_report_s = -math.inf
 
     def turn(self) -> bool:
-        """Hear what there is to hear, then do one thing; false when it is time to end."""
+        """Drain the pipe, then do one thing; false when it is time to end."""
         wait_s = 0.0 if self._waiting else LOOK_PERIOD_S
         while self._pipe.poll(wait_s):
             message = self._pipe.recv()
@@ -219,7 +219,7 @@ class MapServer:
         return True
 
     def _keep(self) -> str:
-        """Put everything that was heard of into the map, and that on the disk; what is wrong with it."""
+        """Put everything that waits into the map, and that on the disk; what is wrong with it."""
         while self._waiting:
             self._put(self._waiting.pop())
         problem = self._map.keep()

@@ -1,7 +1,7 @@
 """What one look does to the 64 voxels of a brick.
 
 Every loop here is over all 64, without a branch and in 16 bits, so that it runs on the processor's vector unit. Arrays
-are handed over one by one, for the reason given in `store.store_brick`.
+are handed over one by one, for the reason given in `chunk_table.store_brick`.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ def judge(
     axis is exact, its outline in the image is a rectangle around it, and that is widened to whole tiles.
 
     Args:
-        least_m: as in `ClearDepth`. (A tuple with arrays in it would cost more than the rest: `store.store_brick`.)
+        least_m: as in `ClearDepth`. (A tuple with arrays would cost more than the rest: `chunk_table.store_brick`.)
         most_m: likewise.
         p: from voxels to pixels.
         i: lowest voxel of the block, in the box.

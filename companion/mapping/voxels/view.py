@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from companion.geometry import camera_to_world
@@ -88,17 +87,8 @@ class Rays(NamedTuple):
     limit_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class View:
-    """One camera position over the voxel grid."""
-
-    box: Box
-    projection: Projection
-    rays: Rays
-
-
-def view_of(frame: DepthFrame, voxel_m: float, max_range_m: float) -> View:
-    """The view of a frame on a grid of ``voxel_m``, up to the nearer of the map's and the camera's range limit.
+def view_of(frame: DepthFrame, voxel_m: float, max_range_m: float) -> tuple[Box, Projection, Rays]:
+    """A frame's camera over a grid of ``voxel_m``, up to the nearer of the map's and the camera's range limit.
 
     Raises:
         ValueError: the pose or the camera has a value that is not finite, or lies outside the grid; it is named.
@@ -140,11 +130,8 @@ def view_of(frame: DepthFrame, voxel_m: float, max_range_m: float) -> View:
     edges = float(camera.cx_px) + 0.5, float(camera.cy_px) + 0.5
     # A depth of zero is no measurement, whatever the camera's least range is.
     lowest_m = float(max(camera.min_range_m, _LEAST_DEPTH_M))
-    return View(
-        box=box,
-        projection=Projection._make((*map(float, forms), *edges, int(camera.width_px), int(camera.height_px), limit_m)),
-        rays=Rays._make((*map(float, ends), lowest_m, limit_m)),
-    )
+    projection = Projection._make((*map(float, forms), *edges, int(camera.width_px), int(camera.height_px), limit_m))
+    return box, projection, Rays._make((*map(float, ends), lowest_m, limit_m))
 
 
 _LEAST_DEPTH_M = 0.001

@@ -15,9 +15,8 @@ from companion.mapping.voxels.brick import CHANGED, HITS, LOWERED
 from companion.mapping.voxels.chunk_table import Store, Table, find_rows, forget_rows, load_rows, store_rows
 from companion.mapping.voxels.chunks import CHUNK_LIMIT, EDGE, NOTHING
 from companion.mapping.voxels.depth_image import clear_depth, hole_depth_m
-from companion.mapping.voxels.fusion import add_log_odds
 from companion.mapping.voxels.marks import mark_hits
-from companion.mapping.voxels.piece import MOST_CHUNKS, MapPiece, MapSource
+from companion.mapping.voxels.piece import MOST_CHUNKS, MapPiece, MapSource, add_log_odds
 from companion.mapping.voxels.scan import beams_of, pass_beams, update_passed
 from companion.mapping.voxels.sensor_model import steps_of
 from companion.mapping.voxels.snapshot import IntegrationReport, MapCounts, MapSnapshot
@@ -88,13 +87,12 @@ class VoxelMap:
                 f"depth_m has the shape {frame.depth_m.shape}, the camera is {camera.height_px} px high and "
                 f"{camera.width_px} px wide"
             )
-        view = view_of(frame, settings.voxel_m, settings.max_range_m)
+        box, projection, rays = view_of(frame, settings.voxel_m, settings.max_range_m)
         # Compiled code differs for memory that is read-only or of another layout.
         depth_m = np.require(self._unsaturated(frame.depth_m), np.float32, ["C", "W"])
         if self._clear_m.shape != depth_m.shape:
             self._clear_m = np.empty(depth_m.shape, np.float32)
-        rays = view.rays
-        marks = mark_hits(depth_m, rays, view.box)
+        marks = mark_hits(depth_m, rays, box)
         clear = clear_depth(
             depth_m,
             rays.lowest_m,
@@ -109,7 +107,7 @@ class VoxelMap:
         counts = np.zeros(3, np.int64)
         chunks_new = self._filled(
             lambda table, done: update_chunks(
-                table, view.box, done, marks, clear, view.projection, self._steps, self._revision, counts
+                table, box, done, marks, clear, projection, self._steps, self._revision, counts
             ),
             len(marks.slots),
         )

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from companion.mapping.files.merge import MergedMap
 from companion.mapping.voxels.chunks import NOTHING, VOLUME
-from companion.mapping.voxels.fusion import add_log_odds
-from companion.mapping.voxels.piece import MapPiece
+from companion.mapping.voxels.piece import MapPiece, add_log_odds
 
 LOWEST, HIGHEST = -1992, 3476
 NOT_CLAMPED = -32767, 32767
