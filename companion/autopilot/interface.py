@@ -83,7 +83,7 @@ class Transport(Protocol):
         ...
 
     def close(self) -> None:
-        """Call nobody any more."""
+        """Call nobody any more, and wait for a call that has begun: what it leads to is about to be destroyed."""
         ...
 
 

@@ -41,6 +41,7 @@ class GateSocket:
         self.stage: Notice | None = None
         self._notices: deque[Notice] = deque(maxlen=NOTICES)
         self._on_frames: Callable[[bytes], None] = _nothing
+        self._calling = threading.Lock()
         self._end = end
         self._end.setblocking(True)
         self._reader = threading.Thread(target=self._read, name="gate", daemon=True)
@@ -72,8 +73,9 @@ class GateSocket:
         self._on_frames = on_frames
 
     def close(self) -> None:
-        """From now on MAVLink that comes is left."""
-        self._on_frames = _nothing
+        """From now on MAVLink that comes is left; nobody is inside ``on_frames`` any more when this returns."""
+        with self._calling:
+            self._on_frames = _nothing
 
     def send(self, raw: bytes) -> None:
         """Whole MAVLink frames to the gate; what it does not take now is lost and counted."""
@@ -120,7 +122,8 @@ class GateSocket:
                 self.gone = True
                 return
             if is_mavlink(data):
-                self._on_frames(data)
+                with self._calling:
+                    self._on_frames(data)
             elif (notice := Notice.unpacked(data)) is not None:
                 self.stage = notice
                 if notice.text:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import socket
+import threading
 
 import pytest
 
@@ -59,6 +60,24 @@ def test_mavlink_and_words_go_both_ways_in_their_order() -> None:
         gate.link.send(b"\xfd down")
         assert came == [b"\xfd up", MARK]
         assert [gate._ours.recv(4096) for _ in range(2)] == [BEAT.packed(), b"\xfd down"]
+
+
+def test_closing_waits_for_the_call_that_has_begun() -> None:
+    """Protects MAVSDK from bytes that come while it is destroyed."""
+    with FakeGate() as gate:
+        begun, may_end, ended = threading.Event(), threading.Event(), threading.Event()
+
+        def slow(_frames: bytes) -> None:
+            begun.set()
+            may_end.wait(10.0)
+            ended.set()
+
+        gate.link.open(slow)
+        gate._ours.send(MARK)
+        assert begun.wait(10.0)
+        threading.Timer(0.05, may_end.set).start()
+        gate.link.close()
+        assert ended.is_set()
 
 
 def test_a_gate_that_floods_costs_a_tick_no_more_than_so_many() -> None:
