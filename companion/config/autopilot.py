@@ -27,7 +27,7 @@ class AutopilotSettings(Section):
     """How the flight controller is reached, and what is expected of it."""
 
     url: LinkUrl = Field(
-        "udpin://0.0.0.0:14540",
+        "udpin://127.0.0.1:14540",
         description=f"where the flight controller is: {LINK_FORMS}",
     )
     system_id: int = Field(

@@ -32,7 +32,7 @@ class Endpoint:
         clock: real time.
         to: where telemetry goes from the beginning.
         bind: own UDP address; port 0 for any.
-        tcp_port: where to listen for TCP, on all interfaces of ``bind``'s host; ``None`` for not at all.
+        tcp_port: where to listen for TCP, at ``bind``'s host; ``None`` for not at all.
         control_port: loopback UDP port for text commands from a test; ``None`` for none.
         drop_share: of packets lost, each way.
         speed: simulated time per real time.
@@ -45,7 +45,7 @@ class Endpoint:
         clock: Clock,
         to: Iterable[Address],
         *,
-        bind: Address = ("0.0.0.0", 0),  # noqa: S104 - containers and ground stations are other hosts
+        bind: Address = ("127.0.0.1", 0),
         tcp_port: int | None = None,
         control_port: int | None = None,
         drop_share: float = 0.0,

@@ -6,6 +6,7 @@ import asyncio
 import math
 import signal
 import socket
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -28,7 +29,11 @@ def autopilot(
     system_id: Annotated[int, typer.Option(min=1, max=255, metavar="N", help="MAVLink number of the vehicle.")] = 1,
     to: Annotated[
         list[str] | None,
-        typer.Option(metavar="HOST:PORT", help=f"UDP address to send to; may be repeated. [{', '.join(DEFAULT_TO)}]"),
+        typer.Option(
+            metavar="HOST:PORT",
+            help="UDP address to send to; may be repeated. One on another computer lets others send here too. "
+            f"[{', '.join(DEFAULT_TO)}]",
+        ),
     ] = None,
     bind_port: Annotated[int, typer.Option(min=0, max=65535, metavar="PORT", help="Own UDP port; 0: any.")] = 0,
     tcp: Annotated[int | None, typer.Option(min=1, max=65535, metavar="PORT", help="Serve TCP too.")] = None,
@@ -97,7 +102,7 @@ def autopilot(
         vehicle,
         MonotonicClock(),
         addresses,
-        bind=("0.0.0.0", bind_port),  # noqa: S104 - containers and ground stations are other hosts
+        bind=(host_to_listen_on(addresses), bind_port),
         tcp_port=tcp,
         control_port=control,
         drop_share=drop,
@@ -108,6 +113,12 @@ def autopilot(
         asyncio.run(_serve(endpoint, kind, addresses))
     except OSError as error:
         raise CompanionError(f"companion sitl autopilot: {error}; is another one running on that port?") from error
+
+
+def host_to_listen_on(addresses: Sequence[Address]) -> str:
+    """Loopback, unless somebody on another computer was named, who can only answer to an address of the network."""
+    local = all(host == "localhost" or host.startswith("127.") for host, _ in addresses)
+    return "127.0.0.1" if local else "0.0.0.0"  # noqa: S104 - as was asked
 
 
 async def _serve(endpoint: Endpoint, kind: Personality, addresses: list[Address]) -> None:

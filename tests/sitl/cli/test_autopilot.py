@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from companion.errors import InputError
 from sitl.autopilot.origin import to_global, to_world
-from sitl.cli.autopilot import autopilot
+from sitl.cli.autopilot import DEFAULT_TO, autopilot, host_to_listen_on
 
 START = "import typer; from sitl.cli.autopilot import autopilot; typer.run(autopilot)"
 
@@ -66,3 +66,11 @@ def test_the_globe_and_back_is_within_half_a_unit() -> None:
     """1e-7 degrees are 11 mm."""
     for x_m, y_m, z_m in [(0.0, 0.0, 0.0), (120.0, -75.5, 3.25), (-1000.0, 2000.0, -40.0)]:
         assert to_world(*to_global(x_m, y_m, z_m)) == pytest.approx((x_m, y_m, z_m), abs=0.006)
+
+
+def test_it_listens_on_loopback_unless_somebody_elsewhere_is_named() -> None:
+    """Protects a developer's computer: a stub that anybody in the network may command is no harmless program."""
+    default = [(text.rpartition(":")[0], 14540) for text in DEFAULT_TO]
+    assert host_to_listen_on(default) == "127.0.0.1"
+    assert host_to_listen_on([("localhost", 1), ("127.0.1.1", 2)]) == "127.0.0.1"
+    assert host_to_listen_on([*default, ("192.168.1.2", 14550)]) == "0.0.0.0"  # noqa: S104 - as was asked
