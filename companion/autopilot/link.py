@@ -19,6 +19,7 @@ import functools
 import json
 import logging
 import math
+import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from types import TracebackType
@@ -49,6 +50,8 @@ from companion.mavlink.text import printable
 POLL_S = 0.05
 
 T = TypeVar("T")
+_MAKING = threading.Lock()
+"""Two threads that make an instance of MAVSDK at the same time end the process with a segmentation fault."""
 _logger = logging.getLogger(__name__)
 
 
@@ -187,10 +190,11 @@ class MavsdkLink:
         return await self._loop.run_in_executor(self._executor, call)
 
     def _open(self) -> None:
-        _log_mavsdk()
-        configuration = Configuration.create_manual(self._settings.system_id, MavComponent.ONBOARD_COMPUTER, False)
-        self._mavsdk = Mavsdk(configuration)
-        configuration.destroy()
+        with _MAKING:
+            _log_mavsdk()
+            configuration = Configuration.create_manual(self._settings.system_id, MavComponent.ONBOARD_COMPUTER, False)
+            self._mavsdk = Mavsdk(configuration)
+            configuration.destroy()
         # The server plugin hears every system and needs none to be discovered before it can send.
         self._direct = MavlinkDirectServer(self._mavsdk.server_component_by_id(MavComponent.ONBOARD_COMPUTER))
         self._mavsdk.subscribe_raw_bytes_to_be_sent(self._transport.send)

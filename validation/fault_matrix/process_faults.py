@@ -88,7 +88,9 @@ def _stranger(what: str) -> Callable[[Flight], None]:
 
     def begin(flight: Flight) -> None:
         ports = sorted(port for _, port in _sockets(flight))
-        subprocess.Popen([*module("validation.fault_matrix.stranger"), what, *map(str, ports)], cwd=ROOT)
+        command = [*module("validation.fault_matrix.stranger"), what, *map(str, ports)]
+        # In a thread, which waits for its end: it has to be over when the flight is judged.
+        threading.Thread(target=subprocess.run, args=(command,), kwargs={"cwd": ROOT, "check": True}).start()
 
     return begin
 
