@@ -33,7 +33,7 @@ TOLD_AGAIN_S = 1.0
 """A pilot reads no faster."""
 BURST_S = 0.5
 """Messages of this time may come at once."""
-STAGE_S = 0.1
+STAGE_S = 0.125
 """The application is told the stage again this often: a notice of it may have been lost."""
 NOT_LISTED = "not on the list"
 

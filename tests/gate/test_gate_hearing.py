@@ -8,7 +8,7 @@ import pytest
 
 from companion.gate.faults import Stage
 from companion.gate.gate import Gate
-from companion.gate.protocol import Goodbye, Phase
+from companion.gate.protocol import Goodbye, Notice, Phase
 from companion.mavlink.codec import Frame
 from tests.gate.built import APPLICATION, AUTOPILOT, BEAT, GATE, SYSTEM, command, frame, read, texts_of
 from tests.gate.gate_scene import JUST_S, NOW_S, PLAN, Scene, flying
@@ -22,6 +22,7 @@ def test_a_new_gate_knows_nothing() -> None:
     assert [read(raw)[0].message_id for raw in gate.cycle(NOW_S)] == [0], "it lives, and has no more to say"
     assert texts_of(gate) == []
     assert not gate.hangs(NOW_S + 1e6)
+    assert Gate(PLAN, 0.0).drain_notices(0.0) == [Notice(Stage.PASS)], "the stage is said from the beginning"
 
 
 def test_each_beat_that_cannot_be_is_counted_once() -> None:

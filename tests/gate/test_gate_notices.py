@@ -7,7 +7,7 @@ import math
 from companion.gate.faults import Fault, Stage
 from companion.gate.protocol import Notice, Phase
 from tests.gate.built import GROUND, frame, setpoint, texts_of
-from tests.gate.gate_scene import NOW_S, ORDER, Scene, flying
+from tests.gate.gate_scene import JUST_S, NOW_S, ORDER, Scene, flying
 
 
 def test_a_flood_is_a_fault_while_it_lasts() -> None:
@@ -90,11 +90,11 @@ def test_the_stage_is_said_again_when_there_is_nothing_else_to_tell() -> None:
     """Protects from a notice that was lost: a take-off would go on under a gate that holds."""
     scene = flying()
     scene.gate.drain_notices(NOW_S)
-    assert scene.gate.drain_notices(NOW_S + 0.0625) == [], "not each time"
+    assert scene.gate.drain_notices(NOW_S + 0.125 - JUST_S) == [], "not each time"
     assert scene.gate.drain_notices(NOW_S + 0.125) == [Notice(Stage.PASS)]
     scene.beat(Phase.EXPLORING, depth_age_s=0.75)
     scene.gate.cycle(NOW_S)
-    told = scene.gate.drain_notices(NOW_S + 0.1875)
+    told = scene.gate.drain_notices(NOW_S + 0.25)
     assert [(notice.stage, notice.fault) for notice in told] == [(Stage.BRAKE, Fault.DEPTH_STALE)] * 2
-    assert scene.gate.drain_notices(NOW_S + 0.25) == [], "it has just been said"
-    assert scene.gate.drain_notices(NOW_S + 0.3125) == [Notice(Stage.BRAKE, Fault.DEPTH_STALE)]
+    assert scene.gate.drain_notices(NOW_S + 0.375 - JUST_S) == [], "it has just been said"
+    assert scene.gate.drain_notices(NOW_S + 0.375) == [Notice(Stage.BRAKE, Fault.DEPTH_STALE)]

@@ -73,6 +73,8 @@ def test_what_cannot_be_a_notice() -> None:
     assert Notice.unpacked(b"note\x01" + bytes((len(Fault),))) is None, "no such fault"
     assert Notice.unpacked(b"nota\x01\xff") is None
     assert Notice.unpacked(b"note\x03\xff") == Notice(Stage.LAND)
+    for notice in (Notice(Stage.BRAKE, Fault.FLOOD, "flood"), Notice(Stage.PASS, None, "all is well")):
+        assert Notice.unpacked(notice.packed()) == notice
     long = Notice(Stage.HOLD, Fault.MAP, "ü" * 2000).packed()
     assert len(long) < PACKET_BYTES
     cut = Notice.unpacked(long)
