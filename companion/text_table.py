@@ -1,4 +1,4 @@
-"""Plain text for terminals, logs and documents: aligned columns and wrapped lines.
+"""Plain text for terminals, logs and documents: aligned columns, wrapped lines, and what came over a wire.
 
 Not rich: its tables follow the width of the terminal, and docs/ shows these byte for byte.
 """
@@ -26,3 +26,8 @@ def columns(rows: Sequence[Sequence[str]], left: Collection[int] = (0,)) -> list
 def wrapped(text: str, indent: str = "") -> list[str]:
     """Lines of at most `WIDTH` columns, those after the first with an indent."""
     return textwrap.wrap(text, WIDTH, subsequent_indent=indent)
+
+
+def printable(text: str) -> str:
+    """A text from the wire as it may be shown: nothing in it steers a terminal, or is no character at all."""
+    return "".join(letter if letter.isprintable() else " " for letter in text).strip()

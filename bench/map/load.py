@@ -52,8 +52,7 @@ from bench.table import Row, parser, show, write
 from bench.usage import Usage
 from companion.config.load import load_settings
 from companion.errors import CompanionError
-from companion.flight.launch import application, module
-from companion.flight.request import FlightRequest, sealed
+from companion.flight.request import FlightRequest, application, module, sealed
 from companion.recording.flight_stats import figures
 from companion.safety_case.gate_plan import to_plan
 from sitl.launch.processes import Crew, FlightPlan, environment, free_udp_ports

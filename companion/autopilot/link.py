@@ -45,7 +45,7 @@ from companion.clock import Clock
 from companion.config.autopilot import AutopilotSettings
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavComponent
-from companion.mavlink.text import printable
+from companion.text_table import printable
 
 POLL_S = 0.05
 

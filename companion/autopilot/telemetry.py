@@ -16,9 +16,9 @@ from companion.mavlink.estimator import ESTIMATOR
 from companion.mavlink.ids import MavCmd, MavComponent, MavModeFlag
 from companion.mavlink.modes import mode_name
 from companion.mavlink.position_jump import Motion, position_jump_m
-from companion.mavlink.text import printable
 from companion.model import ABSURD, Pose
 from companion.pose_buffer import PoseBuffer
+from companion.text_table import printable
 
 PERIOD_S = 0.1
 TIMESYNC_FIRST_S = 5.0

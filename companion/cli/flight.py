@@ -109,12 +109,11 @@ def _through_the_gate(
 ) -> NoReturn:
     """Load the settings and hand them over: this process becomes the gate."""
     from companion.config.load import load
-    from companion.flight import launch
-    from companion.flight.request import FlightRequest
+    from companion.flight.request import FlightRequest, become_the_gate
     from companion.safety_case.gate_plan import refuse_if_reachable
 
     loaded = load(config, preset)
     refuse_if_reachable(loaded.settings)
     folder = None if resume_map is None else resume_map.resolve()
     request = FlightRequest(what, loaded.settings, loaded.preset, seed, fix, tuple(skip or ()), folder)
-    launch.become_the_gate(request if start is None else request.started_by(start))
+    become_the_gate(request if start is None else request.started_by(start))

@@ -10,9 +10,8 @@ from pydantic_core import PydanticCustomError
 
 from companion.config.autopilot import LinkUrl
 from companion.config.control import ControlSettings
-from companion.config.fence import FenceSettings
 from companion.config.reactions import Level, ReactionsSettings
-from companion.config.section import Section
+from companion.config.section import Section, refuse
 from companion.mavlink.link_url import LINK_FORMS
 
 ABOVE_CONTROL: dict[Level, float] = {"normal": 1.1, "cautious": 1.05}
@@ -21,6 +20,8 @@ ACCEL_ABOVE_CONTROL: dict[Level, float] = {"normal": 2.0, "cautious": 1.5}
 """The same of the acceleration: two setpoints may come much closer to each other than they were made."""
 PERIODS: dict[Level, float] = {"normal": 2.4, "cautious": 2.0}
 """A setpoint or a beat that is left out is late after so many periods: one may be lost, not two."""
+
+Range = tuple[float, float]
 
 CAUTIOUS: dict[str, dict[str, Any]] = {
     "stale": {
@@ -163,6 +164,35 @@ class DistanceSettings(Section):
         description="least distance ahead, from the middle of the body, that may be left when the vehicle has stopped, "
         "in m; null: midway between vehicle.body_radius_m and control.critical_margin_m (d_c)",
     )
+
+
+class FenceSettings(Section):
+    """Where the vehicle may be, in the autopilot's local frame; its origin is where the autopilot was started."""
+
+    north_m: Range | None = Field(None, description="[least, most] to the north, in m; null: anywhere")
+    east_m: Range | None = Field(None, description="[least, most] to the east, in m; null: anywhere")
+    height_m: Range | None = Field(None, description="[least, most] above the origin, in m; null: anywhere")
+    radius_m: float | None = Field(
+        None, ge=1.0, le=100_000.0, description="largest distance from the origin in the plane, in m; null: anywhere"
+    )
+
+    @model_validator(mode="after")
+    def _around_the_start(self) -> Self:
+        for name in ("north_m", "east_m", "height_m"):
+            bounds: Range | None = getattr(self, name)
+            if bounds is None:
+                continue
+            key = f"safety.fence.{name}"
+            least_m, most_m = bounds
+            if least_m >= most_m:
+                raise refuse(f"{key} = [{least_m:g}, {most_m:g}] must be [least, most]", key)
+            if not least_m < 0.0 < most_m:
+                raise refuse(
+                    f"{key} = [{least_m:g}, {most_m:g}] must hold 0, the origin, where the flight starts: it would "
+                    "begin outside of the fence",
+                    key,
+                )
+        return self
 
 
 class AttachedSettings(Section):

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.control import edges, laws
-from companion.control.choice import Choice
-from companion.control.decisions import LapCounter, TangentLedger
+from companion.control.decisions import Choice, LapCounter, TangentLedger
 from companion.control.edges import Edge
 from companion.control.governor import governed_speed_mps
 from companion.control.known_ground import KnownGround

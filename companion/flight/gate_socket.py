@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 from companion.errors import InputError
 from companion.gate.protocol import GATE_FD, PACKET_BYTES, Beat, Goodbye, Notice, is_mavlink
-from companion.mavlink.text import printable
+from companion.text_table import printable
 
 NOTICES = 64
 """That may wait to be looked at; the newest are kept."""

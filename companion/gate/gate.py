@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from companion.gate import allowlist
@@ -22,7 +23,6 @@ from companion.gate.plan import Plan
 from companion.gate.protocol import Goodbye, Notice, Phase, unpacked
 from companion.gate.setpoint_limits import Unreadable, VelocitySetpoint, beyond, read
 from companion.gate.vehicle import READ, Vehicle
-from companion.gate.verdict import Verdict
 from companion.mavlink.codec import NAMES, Frame, decode
 from companion.mavlink.ids import MavCmd, MavComponent, MavResult
 
@@ -38,6 +38,19 @@ STAGE_S = 0.125
 NOT_LISTED = "not on the list"
 
 Fields = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The gate's answer to one message of the application.
+
+    Attributes:
+        raw: what goes to the autopilot: the message, or a stop in its place; None: nothing does.
+        refused: why nothing does, as it is counted; empty when something does.
+    """
+
+    raw: bytes | None
+    refused: str = ""
 
 
 class Gate:
@@ -197,23 +210,23 @@ class Gate:
     def _judge(self, frame: Frame, now_s: float) -> Verdict:
         if not self._has_token(now_s):
             self._monitor.flooded_s = now_s
-            return Verdict.refusal("flood")
+            return Verdict(None, "flood")
         name, fields = NAMES.get(frame.message_id), decode(frame)
         if fields is None or (frame.system_id, frame.component_id) != (
             self._plan.system_id,
             MavComponent.ONBOARD_COMPUTER,
         ):
-            return Verdict.refusal(NOT_LISTED)
+            return Verdict(None, NOT_LISTED)
         if name == allowlist.SETPOINT:
             return self._setpoint(frame, fields, now_s)
         if name == "PARAM_SET":
             standing = self._vehicle.kind is not None and not self._vehicle.armed
-            return Verdict.passed(frame.raw) if standing else Verdict.refusal("parameter in flight")
+            return Verdict(frame.raw) if standing else Verdict(None, "parameter in flight")
         if name == "COMMAND_LONG":
             return self._command(frame, fields, now_s)
         asks = name == "COMMAND_INT" and fields["command"] in allowlist.ASKING
         listed = asks or name in allowlist.ALWAYS
-        return Verdict.passed(frame.raw) if listed else Verdict.refusal(NOT_LISTED)
+        return Verdict(frame.raw) if listed else Verdict(None, NOT_LISTED)
 
     def _setpoint(self, frame: Frame, fields: Fields, now_s: float) -> Verdict:
         asked = read(fields, self._plan.system_id, now_s)
@@ -221,17 +234,17 @@ class Gate:
         if isinstance(asked, VelocitySetpoint):
             self._monitor.asked = asked
         if self._vehicle.taken_over is not None or self._failsafe.link_silent(now_s):
-            return Verdict.refusal("setpoint, but hands are off")
+            return Verdict(None, "setpoint, but hands are off")
         if why is not None:
             if now_s - self._monitor.bad_s > TOLD_AGAIN_S:
                 self._outgoing.say(f"setpoint rejected: {why}", Fault.SETPOINT_BAD)
             self._monitor.bad_s = now_s
             self.counts["application: setpoint that broke a limit"] += 1
         if self.stage >= Stage.BRAKE:
-            return Verdict.refusal("setpoint while the gate stops")
+            return Verdict(None, "setpoint while the gate stops")
         # The one after it is no better for being alike; the stage that stops them all comes with the next cycle.
         good = now_s - self._monitor.bad_s >= EVENT_S
-        return Verdict.passed(frame.raw if good else self._outgoing.stop(now_s))
+        return Verdict(frame.raw if good else self._outgoing.stop(now_s))
 
     def _why_not(self, asked: VelocitySetpoint) -> str | None:
         """What speaks against a setpoint that can be read; None: nothing."""
@@ -260,9 +273,9 @@ class Gate:
             0,
             MavComponent.AUTOPILOT1,
         ):
-            return Verdict.refusal("command for another")
+            return Verdict(None, "command for another")
         if command in allowlist.ASKING:
-            return Verdict.passed(frame.raw)
+            return Verdict(frame.raw)
         if command not in allowlist.MOVING or not self._may_move(command, fields, now_s):
             self._outgoing.note(f"command {command} refused")
             self._upward.append(
@@ -270,9 +283,9 @@ class Gate:
                     command, MavResult.TEMPORARILY_REJECTED, self._plan.system_id, MavComponent.ONBOARD_COMPUTER
                 )
             )
-            return Verdict.refusal("command refused")
+            return Verdict(None, "command refused")
         self._vehicle.on_command_sent(command, fields, MavComponent.ONBOARD_COMPUTER)
-        return Verdict.passed(frame.raw)
+        return Verdict(frame.raw)
 
     def _may_move(self, command: int, fields: Fields, now_s: float) -> bool:
         """Whether a command that moves may pass now: to end a flight always, unless somebody else has the vehicle."""

@@ -1,4 +1,4 @@
-"""From what the sensors said to what the navigator needs: h, N, d, d_f and the rate of d."""
+"""From what the sensors said to what the navigator needs: h, N, d, d_f, the rate of d, and what is free ahead."""
 
 from __future__ import annotations
 
@@ -24,7 +24,6 @@ from companion.model import (
     Pose,
     Scan,
 )
-from companion.perception.clearance import AHEAD_MARGIN_M, ahead_m
 from companion.perception.depth import Slab, look_ahead
 from companion.perception.look import Look, bin_bearings, planar_look
 from companion.perception.rangefinders import Beams
@@ -38,6 +37,12 @@ NEAREST_NOISE_M, NEAREST_SPREAD_RAD = 0.05, math.radians(35.0)
 
 FARTHEST_GROUND_M = 100.0
 """No rangefinder of ours sees the ground from higher."""
+
+AHEAD_MARGIN_M = 0.1
+"""Added to the body's radius on either side: less beside the propellers is no room to fly through."""
+
+LOOK_M = 5.0
+"""A bearing looks along the way when it is still within the width this far out: the bearings beside leave it sooner."""
 
 _SIDEWAYS = {Beam.FRONT: 0.0, Beam.LEFT: math.pi / 2.0, Beam.BACK: -math.pi, Beam.RIGHT: -math.pi / 2.0}
 
@@ -204,3 +209,34 @@ def _closing(pose: Pose, bearing_rad: float) -> float:
     """Rate of the distance to a static point at that bearing: for a wall ahead at speed v it is -v·cos α*."""
     direction_rad = pose.yaw_rad + bearing_rad
     return -(pose.vx_mps * math.cos(direction_rad) + pose.vy_mps * math.sin(direction_rad))
+
+
+def ahead_m(scan: Scan, half_width_m: float) -> float:
+    """Least distance to an obstacle ahead, along the heading, from the centre of the body: what the gate is sent.
+
+    Args:
+        scan: N(t), remembered points included.
+        half_width_m: obstacles further beside the heading than this are not in the way.
+
+    Returns:
+        The least x of the HIT bearings in the way, in m; infinite when what is known there is CLEAR; NaN when nothing
+        is known there.
+    """
+    return float(_ahead(scan.bearings_rad, scan.ranges_m, scan.state, half_width_m))
+
+
+@compiled
+def _ahead(bearings: FloatArray, ranges: FloatArray, state: NDArray[np.uint8], half_width_m: float) -> float:
+    least = math.nan
+    for i in range(bearings.size):
+        if abs(bearings[i]) >= np.pi / 2.0:
+            continue
+        beside = abs(np.sin(bearings[i]))
+        # Written so that no range that is no number gets in.
+        if state[i] == HIT and ranges[i] >= 0.0 and ranges[i] * beside < half_width_m:
+            x = ranges[i] * np.cos(bearings[i])
+            if not x >= least:
+                least = x
+        elif state[i] == CLEAR and min(ranges[i], LOOK_M) * beside < half_width_m and not least < np.inf:
+            least = np.inf
+    return least

@@ -18,13 +18,16 @@ from companion.errors import InputError
 from companion.model import Observation
 from companion.recording import observation as observations
 from companion.recording.content import FORMAT, METADATA, FlightInfo, Topic
-from companion.recording.protobuf import fields
 
 LARGEST_RECORD = 1 << 28
 """Longer records are damage, and must not take all memory."""
 
 _DAMAGE = (ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError)
 """What comes of the content of a file that is cut or damaged: none of these comes from a whole one."""
+
+
+_VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
+_LONGEST_VARINT = 10
 
 
 class DamageError(ValueError):
@@ -210,6 +213,45 @@ def log_line(entry: Entry) -> LogLine:
     if not isinstance(text, bytes) or not isinstance(name, bytes):
         raise ValueError("not a line of the log")
     return LogLine(entry.t_ns, name.decode(), text.decode())
+
+
+def fields(message: bytes) -> dict[int, int | bytes]:
+    """The fields of a Protocol Buffers message, by number.
+
+    Integers are as they are, fixed 32 and 64 bit unsigned, the rest bytes; of a repeated field only the last is kept.
+
+    Raises:
+        ValueError: this is no such message, or it is cut.
+    """
+    found: dict[int, int | bytes] = {}
+    at = 0
+    while at < len(message):
+        tag, at = _varint(message, at)
+        kind = tag & 7
+        if kind == _VARINT:
+            found[tag >> 3], at = _varint(message, at)
+            continue
+        if kind == _BYTES:
+            length, at = _varint(message, at)
+        elif kind in (_FIXED32, _FIXED64):
+            length = 4 if kind == _FIXED32 else 8
+        else:
+            raise ValueError(f"wire type {kind} at byte {at}")
+        if at + length > len(message):
+            raise ValueError(f"field {tag >> 3} is cut")
+        part = message[at : at + length]
+        found[tag >> 3] = part if kind == _BYTES else int.from_bytes(part, "little")
+        at += length
+    return found
+
+
+def _varint(message: bytes, at: int) -> tuple[int, int]:
+    value = 0
+    for n, byte in enumerate(message[at : at + _LONGEST_VARINT]):
+        value |= (byte & 0x7F) << (7 * n)
+        if byte < 0x80:
+            return value, at + n + 1
+    raise ValueError(f"number at byte {at} is cut")
 
 
 def _records(stream: IO[bytes]) -> Iterator[Any]:

@@ -14,8 +14,7 @@ from companion.clock import Clock
 from companion.config.mission import RecordSettings
 from companion.pipeline import Tick
 from companion.recording.content import FlightInfo
-from companion.recording.file import RecordingFile
-from companion.recording.writing import Writing
+from companion.recording.writing import RecordingFile, Writing
 
 WAITING = 512
 """Most ticks and events that wait for the disk: 25 s at 20 Hz."""

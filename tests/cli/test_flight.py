@@ -10,7 +10,7 @@ import pytest
 
 from companion.cli import main as cli
 from companion.config.load import load_settings
-from companion.flight import launch
+from companion.flight import request as requests
 from companion.flight.request import FlightRequest
 from tests.recording.flights import fly_in_room
 
@@ -66,7 +66,7 @@ def handed(monkeypatch: pytest.MonkeyPatch) -> list[FlightRequest]:
         found.append(request)
         raise SystemExit(0)
 
-    monkeypatch.setattr(launch, "become_the_gate", become)
+    monkeypatch.setattr(requests, "become_the_gate", become)
     return found
 
 

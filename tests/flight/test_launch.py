@@ -13,8 +13,7 @@ import pytest
 
 from companion.config.load import load_settings
 from companion.errors import InputError
-from companion.flight.launch import application, become_the_gate, module
-from companion.flight.request import FlightRequest, Start, sealed, unsealed
+from companion.flight.request import FlightRequest, Start, application, become_the_gate, module, sealed, unsealed
 from companion.gate.plan import Plan
 
 

@@ -9,8 +9,7 @@ import pytest
 
 from companion.autopilot.interface import LinkError
 from companion.autopilot.vehicle import FlightError
-from companion.flight.preflight.parameter_check import check_rule
-from companion.flight.preflight.parameter_rules import rules
+from companion.flight.preflight.parameter_rules import check_rule, rules
 from tests.integration.rig import Aboard, Stage, aboard, both, fly_all
 
 NEVER_S = 300.0

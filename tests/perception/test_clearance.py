@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.model import CLEAR, HIT, UNKNOWN, Scan
-from companion.perception.clearance import ahead_m
+from companion.perception.extract import ahead_m
 from companion.perception.look import bin_bearings
 
 HALF_WIDTH_M = 0.45

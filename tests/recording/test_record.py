@@ -30,12 +30,10 @@ from companion.recording import Recorder, open_recording
 from companion.recording import record as record_module
 from companion.recording import writing as writing_module
 from companion.recording.content import Topic
-from companion.recording.file import RecordingFile
 from companion.recording.observation import decode, encode
 from companion.recording.process import LoadMeter
-from companion.recording.protobuf import fields
-from companion.recording.read import depth_image, log_line
-from companion.recording.writing import Writing
+from companion.recording.read import depth_image, fields, log_line
+from companion.recording.writing import RecordingFile, Writing
 from tests.recording.flights import SETTINGS, HandClock, make_frame, make_info, make_tick
 
 anything = st.floats(width=64)

@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable
 
 from companion.config.load import load
-from companion.flight.launch import module
+from companion.flight.request import module
 from validation.fault_matrix.injection import Final, Injection
 from validation.fault_matrix.processes import open_sockets
 from validation.fault_matrix.scene import ROOT, Flight, SceneError

@@ -14,8 +14,7 @@ from pathlib import Path
 
 from companion.config.settings import Settings
 from companion.errors import CompanionError
-from companion.flight.launch import application, module
-from companion.flight.request import FlightRequest, sealed
+from companion.flight.request import FlightRequest, application, module, sealed
 from companion.gate.plan import Plan
 from companion.safety_case.gate_plan import to_plan
 from sitl.launch.processes import command, environment, free_tcp_port, free_udp_ports

@@ -16,10 +16,9 @@ from companion.autopilot.vehicle_state import VehicleState
 from companion.clock import Clock, MonotonicClock
 from companion.config.settings import Settings
 from companion.errors import InputError
-from companion.flight.preflight.braking import BRAKING, braking
-from companion.flight.preflight.parameter_check import check_rule
-from companion.flight.preflight.parameter_rules import parameter_check_names, rules
+from companion.flight.preflight.parameter_rules import check_rule, parameter_check_names, rules
 from companion.flight.preflight.result import CheckResult
+from companion.mavlink.firmware import ARDUCOPTER_BRAKE_MPS2, AutopilotKind
 from companion.model import Beam
 
 HEARTBEAT_AGE_S = 2.5
@@ -32,6 +31,7 @@ STANDING_M = 1.0
 """The beam that looks down cannot be higher than this above the ground on which the vehicle stands."""
 MAP_MB = 200.0
 MB = 1e6
+BRAKING = "braking"
 _BUSY_MODES = frozenset(
     {"mission", "auto", "return", "rtl", "smart_rtl", "auto_rtl", "land", "precision land", "termination"}
 )
@@ -295,6 +295,34 @@ def _mode(state: VehicleState) -> CheckResult:
         "known, and not one that flies or lands by itself",
         "A mode like this says that a mission or a failsafe of the autopilot is at work.",
         "" if ok else "choose hold (PX4) or guided (ArduPilot) at the ground station",
+    )
+
+
+def braking(kind: AutopilotKind, settings: Settings) -> Iterator[CheckResult]:
+    """The check of ``control.governor.brake_mps2`` with ArduPilot; none with PX4, for which the default was chosen.
+
+    It does not ask for ``control.speed_law``: without the governor the gate still counts on the number, in the stopping
+    budget, before its hard limit and before the fence.
+
+    Args:
+        kind: of the autopilot that is connected.
+        settings: the whole configuration.
+    """
+    if kind is not AutopilotKind.ARDUPILOT:
+        return
+    counted_mps2 = settings.control.governor.brake_mps2
+    ok = counted_mps2 <= ARDUCOPTER_BRAKE_MPS2
+    yield CheckResult(
+        BRAKING,
+        ok,
+        f"counted on: {counted_mps2:g} m/s²",
+        f"at most {ARDUCOPTER_BRAKE_MPS2:g} m/s² with ArduPilot",
+        f"ArduCopter was measured to brake with {ARDUCOPTER_BRAKE_MPS2:g} m/s²: with more in the settings it slows "
+        "down too late, and the stopping budget does not hold.",
+        ""
+        if ok
+        else f"set control.governor.brake_mps2: {ARDUCOPTER_BRAKE_MPS2:g} in the settings file (--fix changes only "
+        f"parameters); if this vehicle was measured to brake harder, --skip {BRAKING}",
     )
 
 

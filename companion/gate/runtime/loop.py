@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
+import selectors
 from collections.abc import Callable
 
 from companion.gate.allowlist import SETPOINTS
@@ -16,7 +17,6 @@ from companion.gate.gate import Gate
 from companion.gate.plan import CYCLE_S, Attached, Plan
 from companion.gate.runtime.framing import batches
 from companion.gate.runtime.log import Log
-from companion.gate.runtime.selector import Selector
 from companion.gate.runtime.signals import Signals
 from companion.gate.runtime.supervisor import Supervisor
 from companion.gate.runtime.systemd import ServiceManager
@@ -34,6 +34,39 @@ SHOWN = frozenset({"HEARTBEAT", "STATUSTEXT", "NAMED_VALUE_FLOAT", "COMMAND_ACK"
 """What the application says to everybody: who is attached hears it too."""
 
 _APPLICATION, _AUTOPILOT, _SIGNAL, _ATTACHED = range(4)
+
+Serve = Callable[[float], None]
+
+
+class Selector:
+    """What is waited for, and who is called when something is there: the lowest rank first."""
+
+    def __init__(self) -> None:
+        self._selector = selectors.DefaultSelector()
+        self._known: dict[int, int] = {}
+
+    def follow(self, rank: int, fd: int | None, serve: Serve) -> None:
+        """From now on the door of this rank is ``fd``, or none. A change has to be told before the number is reused."""
+        before = self._known.get(rank)
+        if before == fd:
+            return
+        if before is not None:
+            self._selector.unregister(before)
+            del self._known[rank]
+        if fd is not None:
+            self._selector.register(fd, selectors.EVENT_READ, (rank, serve))
+            self._known[rank] = fd
+
+    def wait(self, timeout_s: float) -> list[Serve]:
+        """Whom to call, in order; empty when the time is over, which may be 1 ms late."""
+        ready = self._selector.select(max(0.0, timeout_s))
+        if len(ready) > 1:
+            ready.sort(key=lambda found: found[0].data[0])
+        return [found.data[1] for found, _ in ready]
+
+    def close(self) -> None:
+        """Wait for nothing more."""
+        self._selector.close()
 
 
 class Loop:
@@ -226,7 +259,7 @@ class Loop:
             raw = self._signer.sign(raw)
         self._autopilot.send(raw)
 
-    def _follow(self, entry: tuple[int, Transport, Callable[[float], None]]) -> None:
+    def _follow(self, entry: tuple[int, Transport, Serve]) -> None:
         rank, transport, serve = entry
         self._selector.follow(rank, transport.fileno(), serve)
 

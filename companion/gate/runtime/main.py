@@ -18,8 +18,7 @@ from companion.gate.plan import Attached, Plan, Signing
 from companion.gate.runtime.framing import Accept
 from companion.gate.runtime.log import Log
 from companion.gate.runtime.loop import Loop
-from companion.gate.runtime.processes import adopt_orphans
-from companion.gate.runtime.scheduling import take_precedence
+from companion.gate.runtime.processes import adopt_orphans, take_precedence
 from companion.gate.runtime.signals import Signals
 from companion.gate.runtime.supervisor import Supervisor
 from companion.gate.runtime.systemd import ServiceManager

@@ -11,8 +11,8 @@ import logging
 from collections.abc import Callable
 
 from companion.clock import Clock, ClockAlignment
+from companion.config.sensors import TcpAddress, parse_address
 from companion.config.settings import Settings
-from companion.config.stream_address import TcpAddress, parse_address
 from companion.errors import CompanionError
 from companion.model import Camera, RangeReading
 from companion.sensors.drivers.driver import DriverContext

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.clock import Clock
-from companion.config.stream_address import TcpAddress, UnixAddress, parse_address
+from companion.config.sensors import TcpAddress, UnixAddress, parse_address
 from companion.errors import InputError
 from companion.model import Camera, FloatArray, RangeReading
 from companion.sensors.drivers.framing import (

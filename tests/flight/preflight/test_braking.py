@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from companion.config.settings import Settings
-from companion.flight.preflight.braking import braking
+from companion.flight.preflight.checks import braking
 from companion.mavlink.firmware import ARDUCOPTER_BRAKE_MPS2, AutopilotKind
 from companion.safety_case.gate_plan import stopping_lines
 from sitl.launch.processes import Crew, FlightPlan

@@ -10,10 +10,10 @@ from dataclasses import replace
 
 import pytest
 
+from companion.gate.gate import Verdict
 from companion.gate.runtime.child import MOST_PACKETS
 from companion.gate.runtime.loop import STALLED_S, Loop
 from companion.gate.runtime.transports import open_transport
-from companion.gate.verdict import Verdict
 from companion.mavlink.codec import Frame
 from tests.gate.built import frame, setpoint
 from tests.gate.runtime.rig import ATTITUDE, HEARTBEAT, HOST, rigged

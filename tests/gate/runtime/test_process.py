@@ -17,7 +17,7 @@ from companion.gate.gate import Gate
 from companion.gate.plan import Attached, Plan, Signing
 from companion.gate.protocol import Goodbye
 from companion.gate.runtime import main as process
-from companion.gate.runtime import scheduling as precedence
+from companion.gate.runtime import processes as precedence
 from tests.gate.built import PLAN
 from tests.gate.runtime.rig import HOST, bound
 

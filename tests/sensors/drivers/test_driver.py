@@ -10,8 +10,8 @@ from typing import cast
 import pytest
 
 from companion.autopilot.interface import Link
+from companion.config.sensors import TcpAddress, UnixAddress, parse_address
 from companion.config.settings import Settings
-from companion.config.stream_address import TcpAddress, UnixAddress, parse_address
 from companion.errors import InputError
 from companion.sensors.drivers import driver
 from companion.sensors.drivers.driver import DriverContext, SensorDriver, load_drivers

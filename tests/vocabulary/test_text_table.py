@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from companion.mavlink.text import printable
+from companion.text_table import printable
 
 
 @pytest.mark.parametrize(
