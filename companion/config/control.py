@@ -28,7 +28,7 @@ class ControlSettings(Section, Parameters):
         return self.speed_mps / self.max_yaw_rate_radps
 
     @model_validator(mode="after")
-    def _margins_in_order(self) -> Self:
+    def _law_can_be_flown(self) -> Self:
         if self.critical_margin_m >= self.margin_m:
             raise refuse(
                 f"control.critical_margin_m = {self.critical_margin_m:g} m (d_c) must be smaller than "
@@ -36,10 +36,6 @@ class ControlSettings(Section, Parameters):
                 "control.critical_margin_m",
                 "control.margin_m",
             )
-        return self
-
-    @model_validator(mode="after")
-    def _closing_speed_below_speed(self) -> Self:
         closing_mps = self.closing_gain_per_s * self.closing_saturation_m
         if closing_mps >= self.speed_mps:
             raise refuse(
@@ -49,10 +45,6 @@ class ControlSettings(Section, Parameters):
                 "control.closing_saturation_m",
                 "control.speed_mps",
             )
-        return self
-
-    @model_validator(mode="after")
-    def _assumption_2_2(self) -> Self:
         if self.turning_radius_m >= self.margin_m and not self.allow_turning_radius_above_margin:
             raise refuse(
                 f"control.margin_m = {self.margin_m:g} m (d_s) must be greater than control.speed_mps / "

@@ -118,31 +118,14 @@ class MapSettings(Section):
         return self
 
     @model_validator(mode="after")
-    def _hit_speaks_for_occupied(self) -> Self:
-        if self.hit_probability <= 0.5:
-            raise refuse(
-                f"mapping.hit_probability = {self.hit_probability:g} must be above 0.5: a hit speaks for occupied",
-                "mapping.hit_probability",
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _miss_speaks_for_free(self) -> Self:
-        if self.miss_probability >= 0.5:
-            raise refuse(
-                f"mapping.miss_probability = {self.miss_probability:g} must be below 0.5: a miss speaks for free",
-                "mapping.miss_probability",
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _clamps_leave_room(self) -> Self:
-        if self.clamp_min_probability >= 0.5:
-            raise refuse(
-                f"mapping.clamp_min_probability = {self.clamp_min_probability:g} must be below 0.5, or nothing could "
-                "become free",
-                "mapping.clamp_min_probability",
-            )
+    def _probabilities_leave_room(self) -> Self:
+        for name, wrong, bound in (
+            ("hit_probability", self.hit_probability <= 0.5, "above 0.5: a hit speaks for occupied"),
+            ("miss_probability", self.miss_probability >= 0.5, "below 0.5: a miss speaks for free"),
+            ("clamp_min_probability", self.clamp_min_probability >= 0.5, "below 0.5, or nothing could become free"),
+        ):
+            if wrong:
+                raise refuse(f"mapping.{name} = {getattr(self, name):g} must be {bound}", f"mapping.{name}")
         if self.clamp_max_probability <= self.occupied_probability:
             raise refuse(
                 f"mapping.clamp_max_probability = {self.clamp_max_probability:g} must be above "

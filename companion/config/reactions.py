@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -73,12 +73,6 @@ class ReactionSettings(Section):
         None, gt=0.0, le=3600.0, description="it is told to land after this long, in s; null: never"
     )
 
-    @classmethod
-    def of(cls, answer: Answer) -> ReactionSettings:
-        """Of a line of the table."""
-        first, hold_after_s, land_after_s = answer
-        return cls(first=first, hold_after_s=hold_after_s, land_after_s=land_after_s)
-
     def completed(self, answer: Answer) -> ReactionSettings:
         """With the level's answer where the file says nothing.
 
@@ -122,54 +116,47 @@ class ReactionSettings(Section):
             )
 
 
-def _normal(fault: Fault) -> ReactionSettings:
-    return ReactionSettings.of(ANSWERS["normal"][fault])
+def _answer(fault: Fault, what: str) -> Any:
+    """The field of a fault, with the answer of the level normal."""
+    return Field(ReactionSettings().completed(ANSWERS["normal"][fault]), description=what)
 
 
 class ReactionsSettings(Section):
     """One answer for each fault, by the fault's name."""
 
-    setpoint_late: ReactionSettings = Field(
-        _normal(Fault.SETPOINT_LATE), description="no setpoint while the application explores"
+    setpoint_late: ReactionSettings = _answer(Fault.SETPOINT_LATE, "no setpoint while the application explores")
+    setpoint_bad: ReactionSettings = _answer(Fault.SETPOINT_BAD, "a setpoint broke a limit; it was replaced by a stop")
+    beat_late: ReactionSettings = _answer(Fault.BEAT_LATE, "the application completes no tick: its process hangs")
+    depth_stale: ReactionSettings = _answer(Fault.DEPTH_STALE, "no fresh look ahead")
+    ranges_stale: ReactionSettings = _answer(Fault.RANGES_STALE, "a rangefinder is silent")
+    pose_stale: ReactionSettings = _answer(
+        Fault.POSE_STALE, "no fresh position of the autopilot, or none that is a number"
     )
-    setpoint_bad: ReactionSettings = Field(
-        _normal(Fault.SETPOINT_BAD), description="a setpoint broke a limit; it was replaced by a stop"
+    pose_jump: ReactionSettings = _answer(Fault.POSE_JUMP, "the position went where no velocity leads")
+    pose_frozen: ReactionSettings = _answer(
+        Fault.POSE_FROZEN, "positions repeat each other to the last bit: the estimator stands"
     )
-    beat_late: ReactionSettings = Field(
-        _normal(Fault.BEAT_LATE), description="the application completes no tick: its process hangs"
+    estimator: ReactionSettings = _answer(
+        Fault.ESTIMATOR, "the autopilot says that it does not know its velocity or position"
     )
-    depth_stale: ReactionSettings = Field(_normal(Fault.DEPTH_STALE), description="no fresh look ahead")
-    ranges_stale: ReactionSettings = Field(_normal(Fault.RANGES_STALE), description="a rangefinder is silent")
-    pose_stale: ReactionSettings = Field(
-        _normal(Fault.POSE_STALE), description="no fresh position of the autopilot, or none that is a number"
+    heartbeat_lost: ReactionSettings = _answer(
+        Fault.HEARTBEAT_LOST, "no heartbeat of the autopilot: nobody knows its mode"
     )
-    pose_jump: ReactionSettings = Field(
-        _normal(Fault.POSE_JUMP), description="the position went where no velocity leads"
+    link_lost: ReactionSettings = _answer(Fault.LINK_LOST, "nothing at all from the autopilot")
+    distance: ReactionSettings = _answer(
+        Fault.DISTANCE, "it would stop nearer than the hard limit, and is still closing"
     )
-    pose_frozen: ReactionSettings = Field(
-        _normal(Fault.POSE_FROZEN), description="positions repeat each other to the last bit: the estimator stands"
+    fence: ReactionSettings = _answer(Fault.FENCE, "outside of the fence")
+    battery: ReactionSettings = _answer(Fault.BATTERY, "less than safety.battery_percent is left")
+    ground_stop: ReactionSettings = _answer(
+        Fault.GROUND_STOP, "a person at a ground station ordered a stop; never over by itself"
     )
-    estimator: ReactionSettings = Field(
-        _normal(Fault.ESTIMATOR), description="the autopilot says that it does not know its velocity or position"
+    application: ReactionSettings = _answer(
+        Fault.APPLICATION, "the application's process died; never over in this flight"
     )
-    heartbeat_lost: ReactionSettings = Field(
-        _normal(Fault.HEARTBEAT_LOST), description="no heartbeat of the autopilot: nobody knows its mode"
-    )
-    link_lost: ReactionSettings = Field(_normal(Fault.LINK_LOST), description="nothing at all from the autopilot")
-    distance: ReactionSettings = Field(
-        _normal(Fault.DISTANCE), description="it would stop nearer than the hard limit, and is still closing"
-    )
-    fence: ReactionSettings = Field(_normal(Fault.FENCE), description="outside of the fence")
-    battery: ReactionSettings = Field(_normal(Fault.BATTERY), description="less than safety.battery_percent is left")
-    ground_stop: ReactionSettings = Field(
-        _normal(Fault.GROUND_STOP), description="a person at a ground station ordered a stop; never over by itself"
-    )
-    application: ReactionSettings = Field(
-        _normal(Fault.APPLICATION), description="the application's process died; never over in this flight"
-    )
-    map: ReactionSettings = Field(_normal(Fault.MAP), description="the process of the map does not answer")
-    flood: ReactionSettings = Field(
-        _normal(Fault.FLOOD), description="the application sends more than it can mean; the surplus is dropped"
+    map: ReactionSettings = _answer(Fault.MAP, "the process of the map does not answer")
+    flood: ReactionSettings = _answer(
+        Fault.FLOOD, "the application sends more than it can mean; the surplus is dropped"
     )
 
     def by_fault(self) -> dict[Fault, ReactionSettings]:
@@ -180,10 +167,8 @@ class ReactionsSettings(Section):
         """With the level's answers where the file says nothing."""
         return self.model_copy(
             update={
-                fault.value: (
-                    given.completed(ANSWERS[level][fault])
-                    if fault.value in self.model_fields_set
-                    else ReactionSettings.of(ANSWERS[level][fault])
+                fault.value: (given if fault.value in self.model_fields_set else ReactionSettings()).completed(
+                    ANSWERS[level][fault]
                 )
                 for fault, given in self.by_fault().items()
             }

@@ -69,41 +69,20 @@ def check_ages(
     safety: SafetySettings, control: ControlSettings, sensors: SensorSettings, autopilot: AutopilotSettings
 ) -> None:
     """Refuse thresholds that healthy streams break."""
-    position_s = 1.0 / autopilot.position_hz
-    for key, threshold_s, source, value, period_s in (
-        (
-            "safety.stale.setpoint_s",
-            safety.setpoint_late_s(control),
-            "control.period_s",
-            control.period_s,
-            control.period_s,
-        ),
-        ("safety.stale.beat_s", safety.beat_late_s(control), "control.period_s", control.period_s, control.period_s),
-        (
-            "safety.stale.depth_s",
-            safety.stale.depth_s,
-            "sensors.camera.rate_hz",
-            sensors.camera.rate_hz,
-            1.0 / sensors.camera.rate_hz,
-        ),
-        (
-            "safety.stale.ranges_s",
-            safety.stale.ranges_s,
-            "sensors.beams.rate_hz",
-            sensors.beams.rate_hz,
-            1.0 / sensors.beams.rate_hz,
-        ),
-        ("safety.stale.pose_s", safety.stale.pose_s, "autopilot.position_hz", autopilot.position_hz, position_s),
-        ("safety.stale.link_s", safety.stale.link_s, "autopilot.position_hz", autopilot.position_hz, position_s),
-        (
-            "safety.pose.frozen_s",
-            safety.pose.frozen_s,
-            "autopilot.position_hz",
-            autopilot.position_hz,
-            position_s * LEAST_REPEATS / LEAST_PERIODS,
-        ),
+    tick = ("control.period_s", control.period_s, control.period_s)
+    camera = ("sensors.camera.rate_hz", sensors.camera.rate_hz, 1.0 / sensors.camera.rate_hz)
+    beams = ("sensors.beams.rate_hz", sensors.beams.rate_hz, 1.0 / sensors.beams.rate_hz)
+    position = ("autopilot.position_hz", autopilot.position_hz, 1.0 / autopilot.position_hz)
+    for key, threshold_s, (source, value, period_s), periods in (
+        ("safety.stale.setpoint_s", safety.setpoint_late_s(control), tick, LEAST_PERIODS),
+        ("safety.stale.beat_s", safety.beat_late_s(control), tick, LEAST_PERIODS),
+        ("safety.stale.depth_s", safety.stale.depth_s, camera, LEAST_PERIODS),
+        ("safety.stale.ranges_s", safety.stale.ranges_s, beams, LEAST_PERIODS),
+        ("safety.stale.pose_s", safety.stale.pose_s, position, LEAST_PERIODS),
+        ("safety.stale.link_s", safety.stale.link_s, position, LEAST_PERIODS),
+        ("safety.pose.frozen_s", safety.pose.frozen_s, position, LEAST_REPEATS),
     ):
-        least_s = LEAST_PERIODS * period_s
+        least_s = periods * period_s
         if threshold_s < least_s - 1e-9:
             raise refuse(
                 f"{key} = {threshold_s:g} s must be at least {least_s:.3g} s with {source} = {value:g}: what comes as "

@@ -37,8 +37,13 @@ class Settings(Section):
         """What is this much above or below the middle of the body is in its way, in m."""
         return self.vehicle.body_height_m / 2.0 + self.sensors.scan.slab_margin_m
 
+    @property
+    def hard_limit_m(self) -> float:
+        """Least distance ahead at which the vehicle must have stopped, from the middle of the body, in m."""
+        return safety_rules.hard_limit_m(self.safety, self.vehicle, self.control)
+
     @model_validator(mode="after")
-    def _body_inside_critical_margin(self) -> Self:
+    def _sections_fit(self) -> Self:
         if self.vehicle.body_radius_m >= self.control.critical_margin_m:
             raise refuse(
                 f"vehicle.body_radius_m = {self.vehicle.body_radius_m:g} m must be smaller than "
@@ -47,10 +52,6 @@ class Settings(Section):
                 "vehicle.body_radius_m",
                 "control.critical_margin_m",
             )
-        return self
-
-    @model_validator(mode="after")
-    def _slab_above_ground(self) -> Self:
         half_m = self.half_slab_m
         if half_m >= self.control.height_m:
             raise refuse(
@@ -60,10 +61,6 @@ class Settings(Section):
                 "vehicle.body_height_m",
                 "sensors.scan.slab_margin_m",
             )
-        return self
-
-    @model_validator(mode="after")
-    def _layers_fit(self) -> Self:
         needed_m = (self.fleet.largest_group + 1) * self.control.vertical_margin_m
         if self.fleet.tunnel_height_m < needed_m:
             raise refuse(
@@ -73,15 +70,6 @@ class Settings(Section):
                 "fleet.largest_group",
                 "control.vertical_margin_m",
             )
-        return self
-
-    @property
-    def hard_limit_m(self) -> float:
-        """Least distance ahead at which the vehicle must have stopped, from the middle of the body, in m."""
-        return safety_rules.hard_limit_m(self.safety, self.vehicle, self.control)
-
-    @model_validator(mode="after")
-    def _gate_fits(self) -> Self:
         safety_rules.check_limits(self.safety, self.control)
         safety_rules.check_distance(self.safety, self.vehicle, self.control)
         safety_rules.check_ages(self.safety, self.control, self.sensors, self.autopilot)

@@ -35,8 +35,7 @@ from companion.geometry import quaternion
 from companion.model import CLEAR, HIT, Camera, DepthFrame, Pose, Scan
 from companion.pipeline import Tick
 from companion.recording.content import Topic
-from companion.recording.observation import encode, number
-from companion.recording.process import Load
+from companion.recording.observation import encode, finite, number
 
 WORLD, LEVEL, BODY, MOUNT, CAMERA = "world", "level", "body", "camera_mount", "camera"
 """Frames: world is east-north-up; level turns with the heading only; body is forward-left-up; the mount is the camera's
@@ -61,6 +60,8 @@ def _schema(title: str, **properties: str | list[str]) -> dict[str, Any]:
 
 
 _NUMBER: list[str] = ["number", "null"]
+COMMANDED = ("speed_mps", "climb_mps", "yaw_rate_radps")
+MEASURED = ("h_m", "roof_m", "d_m", "d_bearing_rad", "d_front_m", "d_dot_mps", "ground_slope")
 TICK_SCHEMA = _schema(
     "companion.Tick",
     number="integer",
@@ -68,8 +69,7 @@ TICK_SCHEMA = _schema(
     mode="string",
     stepped="boolean",
     sent="boolean",
-    **dict.fromkeys(("speed_mps", "climb_mps", "yaw_rate_radps", "wanted_height_m", "h_m", "roof_m"), _NUMBER),
-    **dict.fromkeys(("d_m", "d_bearing_rad", "d_front_m", "d_dot_mps", "ground_slope"), _NUMBER),
+    **dict.fromkeys((*COMMANDED, "wanted_height_m", *MEASURED), _NUMBER),
     ahead_m=["number", "string"],
     **dict.fromkeys(("depth_age_s", "ranges_age_s", "pose_age_s"), _NUMBER),
     missing="array",
@@ -130,22 +130,14 @@ class Channels:
                 "mode": tick.mode.value,
                 "stepped": tick.stepped,
                 "sent": tick.sent,
-                "speed_mps": None if setpoint is None else number(setpoint.speed_mps),
-                "climb_mps": None if setpoint is None else number(setpoint.climb_mps),
-                "yaw_rate_radps": None if setpoint is None else number(setpoint.yaw_rate_radps),
+                **{name: None if setpoint is None else number(getattr(setpoint, name)) for name in COMMANDED},
                 "wanted_height_m": number(tick.height_m),
-                "h_m": _finite(measurement.h_m),
-                "roof_m": _finite(measurement.roof_m),
-                "ground_slope": _finite(measurement.ground_slope),
-                "d_m": _finite(measurement.d_m),
-                "d_bearing_rad": _finite(measurement.d_bearing_rad),
-                "d_front_m": _finite(measurement.d_front_m),
-                "d_dot_mps": _finite(measurement.d_dot_mps),
+                **{name: finite(getattr(measurement, name)) for name in MEASURED},
                 # As text when it is no number: free ("inf") and not known ("nan") are two things.
                 "ahead_m": number(measurement.ahead_m),
                 "missing": list(measurement.missing),
-                **{name: _finite(age_s) for name, age_s in ages_s.items()},
-                "duration_s": _finite(tick.duration_s),
+                **{name: finite(age_s) for name, age_s in ages_s.items()},
+                "duration_s": finite(tick.duration_s),
             },
             log_time=t_ns,
         )
@@ -177,17 +169,9 @@ class Channels:
         )
         self._log.log(message, log_time=t_ns)
 
-    def process(self, load: Load | None, counts: dict[str, float], t_s: float) -> None:
+    def process(self, values: dict[str, float], t_s: float) -> None:
         """Load of the processor and the recorder's own counts."""
-        values: dict[str, float | None] = {"t_s": t_s, **counts}
-        if load is not None:
-            values |= {
-                "cpu_share": load.cpu_share,
-                "children_cpu_share": load.children_cpu_share,
-                "memory_mb": load.memory_mb,
-                "children_memory_mb": load.children_memory_mb,
-            }
-        self._process.log(values, log_time=self._ns(t_s, self._wall_ns))
+        self._process.log({"t_s": t_s, **values}, log_time=self._ns(t_s, self._wall_ns))
 
     def close(self) -> None:
         """Take the channels off the writer's list."""
@@ -238,11 +222,6 @@ class Channels:
         """A time of the application's clock as the file has it."""
         since_s = t_s - self._start_s
         return self._wall_ns + round(since_s * 1e9) if abs(since_s) < SANE_S else otherwise_ns
-
-
-def _finite(value: float | None) -> float | None:
-    """For curves: what is no number is not there."""
-    return float(value) if value is not None and math.isfinite(value) else None
 
 
 def _stamp(t_ns: int) -> Timestamp:

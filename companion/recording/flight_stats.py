@@ -15,6 +15,7 @@ import numpy as np
 from companion.config.source import Source
 from companion.errors import InputError
 from companion.recording.content import ENDED, ENGAGED, Topic
+from companion.recording.observation import finite
 from companion.recording.read import Recording, log_line, open_recording
 from companion.text_table import columns
 
@@ -156,7 +157,7 @@ class _Seen:
     ended: str | None = None
 
     def tick(self, tick: dict[str, Any]) -> None:
-        kept = {name: _known(tick[name]) for name in ("d_m", "depth_age_s", "ranges_age_s", "pose_age_s", "duration_s")}
+        kept = {name: finite(tick[name]) for name in ("d_m", "depth_age_s", "ranges_age_s", "pose_age_s", "duration_s")}
         self.ticks.append(kept | {"t_s": float(tick["t_s"]), "sent": bool(tick["sent"]), "mode": str(tick["mode"])})
 
     def process(self, process: dict[str, Any]) -> None:
@@ -236,13 +237,8 @@ def _changes(modes: Sequence[str]) -> int:
     return sum(one != other for one, other in itertools.pairwise(modes))
 
 
-def _known(value: float | None) -> float | None:
-    """A number of a tick, None where it has none; raises ValueError, TypeError or OverflowError for anything else."""
-    return float(value) if value is not None and math.isfinite(value) else None
-
-
 def _spread_of(values: Iterable[float | None]) -> Spread | None:
-    known = [float(value) for value in values if value is not None and math.isfinite(value)]
+    known = [known for value in values if (known := finite(value)) is not None]
     if not known:
         return None
     median, p99 = np.percentile(known, (50.0, 99.0))

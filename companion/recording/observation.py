@@ -26,6 +26,11 @@ def number(value: float) -> float | str:
     return value if math.isfinite(value) else str(value)
 
 
+def finite(value: float | None) -> float | None:
+    """A number, None where there is none; raises ValueError, TypeError or OverflowError for what cannot be one."""
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
 def encode(observation: Observation, frame_recorded: bool) -> dict[str, Any]:
     """Everything but the pixels of the depth image, which are recorded as an image just before.
 

@@ -3,26 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import psutil
-
-
-@dataclass(frozen=True, slots=True)
-class Load:
-    """What was used since the last sample, and what is held now.
-
-    Attributes:
-        cpu_share: processor time over time: 1 is one core; of this process.
-        children_cpu_share: of all processes that it started, and theirs.
-        memory_mb: resident memory of this process.
-        children_memory_mb: of its children; what they share is counted in each.
-    """
-
-    cpu_share: float
-    children_cpu_share: float
-    memory_mb: float
-    children_memory_mb: float
 
 
 class LoadMeter:
@@ -33,18 +15,28 @@ class LoadMeter:
         self._last_s: float | None = None
         self._cpu_s: dict[psutil.Process, float] = {}
 
-    def sample(self, t_s: float) -> Load | None:
-        """The load since the last call; ``None`` at the first one."""
+    def sample(self, t_s: float) -> dict[str, float]:
+        """What was used since the last call and what is held now, by name; empty at the first call.
+
+        ``cpu_share`` is processor time over time of this process, 1 is one core; ``children_cpu_share`` that of all
+        processes that it started, and theirs; ``memory_mb`` and ``children_memory_mb`` their resident memory, of which
+        what is shared is counted in each.
+        """
         used = dict(self._usage())
         before, self._cpu_s = self._cpu_s, {process: cpu_s for process, (cpu_s, _) in used.items()}
         last_s, self._last_s = self._last_s, t_s
         if last_s is None or t_s <= last_s:
-            return None
+            return {}
         # A process that was not there a second ago has used all of its time since.
         share = {process: (cpu_s - before.get(process, 0.0)) / (t_s - last_s) for process, cpu_s in self._cpu_s.items()}
         memory_mb = {process: megabytes for process, (_, megabytes) in used.items()}
         own_share, own_mb = share.pop(self._own), memory_mb.pop(self._own)
-        return Load(own_share, sum(share.values()), own_mb, sum(memory_mb.values()))
+        return {
+            "cpu_share": own_share,
+            "children_cpu_share": sum(share.values()),
+            "memory_mb": own_mb,
+            "children_memory_mb": sum(memory_mb.values()),
+        }
 
     def _usage(self) -> Iterator[tuple[psutil.Process, tuple[float, float]]]:
         """Processor time in s and resident memory in MB of this process and all that came of it."""

@@ -170,7 +170,7 @@ class Writing:
                 "frames_dropped": frames_dropped,
                 "file_bytes": self._file.size,
             }
-            self.channels.process(self._meter.sample(now_s), counts, t_s)
+            self.channels.process(counts | self._meter.sample(now_s), t_s)
         if now_s >= self._next_flush_s:
             self._next_flush_s = now_s + FLUSH_S
             self._mcap.flush()
