@@ -6,11 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from companion.compiled import compiled
 from companion.control.parameters import Parameters
-from companion.model import CLEAR, FRONT_RAD, HIT, UNKNOWN, FloatArray, Scan, wrap_rad
+from companion.model import CLEAR, FRONT_RAD, HIT, UNKNOWN, Scan, wrap_rad
 
 CORRIDOR_SHARE = 0.9
 """Half-width of the corridor in units of d_s: the tangent itself touches the d_s-offset of the walls, so a corridor of
@@ -71,9 +70,7 @@ def find_edges(scan: Scan, parameters: Parameters) -> list[Edge]:
     as far.
     """
     edges = []
-    for near, far in _jumps(
-        scan.bearings_rad, scan.ranges_m, scan.state, scan.fresh, parameters.edge_bearing_rad, parameters.edge_jump_m
-    ):
+    for near, far in _jumps(scan, parameters.edge_bearing_rad, parameters.edge_jump_m):
         i, j = min(near, far), max(near, far)
         r_i, r_j = float(scan.ranges_m[i]), float(scan.ranges_m[j])
         bearing, distance = tangent_target(
@@ -92,14 +89,8 @@ def find_edges(scan: Scan, parameters: Parameters) -> list[Edge]:
 
 
 @compiled
-def _jumps(
-    bearings: FloatArray,
-    ranges: FloatArray,
-    state: NDArray[np.uint8],
-    fresh: NDArray[np.bool_],
-    within_rad: float,
-    jump_m: float,
-) -> list[tuple[int, int]]:
+def _jumps(scan: Scan, within_rad: float, jump_m: float) -> list[tuple[int, int]]:
+    bearings, ranges, state, fresh = scan
     found = []
     for i in range(1, bearings.size - 2):
         if abs(bearings[i]) >= within_rad or abs(bearings[i + 1]) >= within_rad:
@@ -119,32 +110,17 @@ def _jumps(
     return found
 
 
-def corridor_is_free(scan: Scan, bearing_rad: float, length_m: float, half_width_m: float) -> bool:
+@compiled
+def corridor_is_free(scan: Scan, axis_rad: float, length_m: float, half_width_m: float) -> bool:
     """Whether a straight corridor from the vehicle holds no HIT and nothing UNKNOWN (paper Definition 3.4).
 
     Args:
         scan: N(t).
-        bearing_rad: direction of the corridor.
+        axis_rad: direction of the corridor.
         length_m: its length.
         half_width_m: half of its width.
     """
-    return bool(
-        _corridor_is_free(
-            scan.bearings_rad, scan.ranges_m, scan.state, bearing_rad, length_m, half_width_m, CORRIDOR_LOOK_RAD
-        )
-    )
-
-
-@compiled
-def _corridor_is_free(
-    bearings: FloatArray,
-    ranges: FloatArray,
-    state: NDArray[np.uint8],
-    axis_rad: float,
-    length_m: float,
-    half_width_m: float,
-    look_rad: float,
-) -> bool:
+    bearings, ranges, state, _ = scan
     for i in range(bearings.size):
         off = (bearings[i] - axis_rad + np.pi) % (2.0 * np.pi) - np.pi
         if abs(off) >= np.pi / 2.0:
@@ -156,29 +132,19 @@ def _corridor_is_free(
         if state[i] == HIT:
             if ranges[i] < reach:
                 return False
-        elif abs(off) <= look_rad and (state[i] == UNKNOWN or ranges[i] < reach):
+        elif abs(off) <= CORRIDOR_LOOK_RAD and (state[i] == UNKNOWN or ranges[i] < reach):
             return False
     return True
 
 
 def lies_along_boundary(scan: Scan, edge: Edge, margin_m: float) -> bool:
     """Whether the segment to the edge's target runs along ∂S(d_s), so that following the wall flies it anyway."""
-    return bool(
-        _lies_along_boundary(
-            scan.bearings_rad, scan.ranges_m, scan.state, edge.target_bearing_rad, edge.target_range_m, margin_m
-        )
-    )
+    return _lies_along_boundary(scan, edge.target_bearing_rad, edge.target_range_m, margin_m)
 
 
 @compiled
-def _lies_along_boundary(
-    bearings: FloatArray,
-    ranges: FloatArray,
-    state: NDArray[np.uint8],
-    bearing_rad: float,
-    length_m: float,
-    margin_m: float,
-) -> bool:
+def _lies_along_boundary(scan: Scan, bearing_rad: float, length_m: float, margin_m: float) -> bool:
+    bearings, ranges, state, _ = scan
     steps = max(2, int(length_m / (0.5 * margin_m)))
     for k in range(1, steps + 1):
         x = length_m * k / steps * np.cos(bearing_rad)
@@ -195,9 +161,9 @@ def _lies_along_boundary(
 
 
 @compiled
-def _open_direction(
-    bearings: FloatArray, ranges: FloatArray, state: NDArray[np.uint8], half_width_m: float
-) -> tuple[float, float]:
+def open_direction(scan: Scan, half_width_m: float) -> tuple[float, float]:
+    """Bearing and length of the longest free corridor of that half-width; length 0 when there is none."""
+    bearings, ranges, state, _ = scan
     best_bearing, best_length = 0.0, 0.0
     for b in range(0, bearings.size, 3):
         if state[b] == UNKNOWN:
@@ -218,12 +184,6 @@ def _open_direction(
         if length > best_length:
             best_bearing, best_length = bearings[b], length
     return best_bearing, best_length
-
-
-def open_direction(scan: Scan, half_width_m: float) -> tuple[float, float]:
-    """Bearing and length of the longest free corridor of that half-width; length 0 when there is none."""
-    bearing, length = _open_direction(scan.bearings_rad, scan.ranges_m, scan.state, half_width_m)
-    return float(bearing), float(length)
 
 
 def has_way_on(scan: Scan, critical_margin_m: float) -> bool:

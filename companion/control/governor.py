@@ -8,11 +8,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from companion.compiled import compiled
 from companion.control.parameters import Parameters
-from companion.model import HIT, FloatArray, Scan
+from companion.model import HIT, Scan
 
 
 def braking_speed_mps(room_m: float, reaction_s: float, brake_mps2: float) -> float:
@@ -25,20 +24,14 @@ def braking_speed_mps(room_m: float, reaction_s: float, brake_mps2: float) -> fl
 
 
 @compiled
-def _room(
-    bearings: FloatArray,
-    ranges: FloatArray,
-    state: NDArray[np.uint8],
-    half_width_m: float,
-    keep_m: float,
-    lead_m: float,
-) -> tuple[float, float, float]:
+def _room(scan: Scan, half_width_m: float, keep_m: float, lead_m: float) -> tuple[float, float, float]:
     """Least distance ahead within the vehicle's own width, and the largest turning radii to the left and right.
 
     A left turn of radius R about (0, R) keeps ``keep_m`` from a point (x, y) ahead when
     x² + y² - keep² >= 2·R·(keep + y); mirrored for a right turn. Points are shifted back by ``lead_m``, the way flown
     before a turn takes effect.
     """
+    bearings, ranges, state, _ = scan
     ahead = np.inf
     left = np.inf
     right = np.inf
@@ -74,14 +67,8 @@ def governed_speed_mps(
     governor = parameters.governor
     # Already nearer than that, the vehicle must still be able to leave: it only may not come nearer.
     keep_m = min(parameters.margin_m - governor.side_margin_m, nearest_m)
-    ahead_m, left_m, right_m = _room(
-        scan.bearings_rad,
-        scan.ranges_m,
-        scan.state,
-        parameters.critical_margin_m,
-        keep_m,
-        max(forward_mps, 0.0) * governor.reaction_s,
-    )
+    lead_m = max(forward_mps, 0.0) * governor.reaction_s
+    ahead_m, left_m, right_m = _room(scan, parameters.critical_margin_m, keep_m, lead_m)
     radius_m = max(left_m, right_m) if gamma is None else (left_m if gamma < 0 else right_m)
     turning_mps = radius_m * governor.turn_share * parameters.max_yaw_rate_radps
     braking_mps = braking_speed_mps(ahead_m - parameters.critical_margin_m, governor.reaction_s, governor.brake_mps2)

@@ -91,16 +91,8 @@ def look_ahead(frame: DepthFrame, h_m: float, slab: Slab, bins: int) -> tuple[Lo
         ahead = 0.5 * sum(ground_at(profile, s, SLOPE_LOOK_M, h_m) for s in (SECTORS // 2 - 1, SECTORS // 2))
         slope = max(-slab.max_ground_slope, min(slab.max_ground_slope, (ahead + h_m) / SLOPE_LOOK_M))
         slope = slope if math.isfinite(slope) else None
-    look = Look(
-        t_s=frame.t_s,
-        x_m=frame.pose.x_m,
-        y_m=frame.pose.y_m,
-        yaw_rad=frame.pose.yaw_rad,
-        ranges_m=ranges,
-        state=state,
-        covered=covered,
-        limit_m=camera.max_range_m,
-    )
+    pose = frame.pose
+    look = Look(frame.t_s, pose.x_m, pose.y_m, pose.yaw_rad, ranges, state, covered, camera.max_range_m)
     return look, slope
 
 

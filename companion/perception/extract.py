@@ -83,7 +83,7 @@ class Extractor:
             self._around = planar_look(observation.planar, self._settings.scan.bins)
             self._remember(self._around)
         known = [look for look in (self._ahead, self._around) if look is not None and look.t_s <= t_s]
-        looks = [look for look in known if self._is_fresh(look, t_s)]
+        looks = [look for look in known if t_s - look.t_s <= self._settings.scan.stale_after_s]
         missing = self._missing(pose, t_s, h_m, looks)
         scan = self._scan(looks, pose, t_s) if looks and pose.is_finite else None
         d_m, d_bearing_rad = _nearest(scan, math.pi) if scan else (None, None)
@@ -102,9 +102,6 @@ class Extractor:
             ranges_age_s=self._beams.oldest_age_s(t_s),
             missing=missing,
         )
-
-    def _is_fresh(self, look: Look, t_s: float) -> bool:
-        return t_s - look.t_s <= self._settings.scan.stale_after_s
 
     def _missing(self, pose: Pose, t_s: float, h_m: float | None, looks: Sequence[Look]) -> tuple[Input, ...]:
         missing = []
@@ -211,6 +208,7 @@ def _closing(pose: Pose, bearing_rad: float) -> float:
     return -(pose.vx_mps * math.cos(direction_rad) + pose.vy_mps * math.sin(direction_rad))
 
 
+@compiled
 def ahead_m(scan: Scan, half_width_m: float) -> float:
     """Least distance to an obstacle ahead, along the heading, from the centre of the body: what the gate is sent.
 
@@ -222,11 +220,7 @@ def ahead_m(scan: Scan, half_width_m: float) -> float:
         The least x of the HIT bearings in the way, in m; infinite when what is known there is CLEAR; NaN when nothing
         is known there.
     """
-    return float(_ahead(scan.bearings_rad, scan.ranges_m, scan.state, half_width_m))
-
-
-@compiled
-def _ahead(bearings: FloatArray, ranges: FloatArray, state: NDArray[np.uint8], half_width_m: float) -> float:
+    bearings, ranges, state, _ = scan
     least = math.nan
     for i in range(bearings.size):
         if abs(bearings[i]) >= np.pi / 2.0:

@@ -21,7 +21,6 @@ STEP_TOLERANCE_M = 0.15
 FIRST_SEEN_MARGIN = 0.02
 """The ground counts as in view when its elevation (a tangent) is this far above the lower edge of the image."""
 
-
 LEVEL_M = 0.25
 """Height of one level of the histogram that tells a wall from the ground in front of it."""
 

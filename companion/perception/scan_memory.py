@@ -57,9 +57,7 @@ class ScanMemory:
         _recall(
             self._points,
             self._seen_s,
-            scan.ranges_m,
-            scan.state,
-            scan.fresh,
+            scan,
             pose.x_m,
             pose.y_m,
             pose.yaw_rad,
@@ -121,9 +119,7 @@ def _looked_range(ranges: FloatArray, state: NDArray[np.uint8], fresh: NDArray[n
 def _recall(
     points: NDArray[np.float64],
     seen: NDArray[np.float64],
-    ranges: FloatArray,
-    state: NDArray[np.uint8],
-    fresh: NDArray[np.bool_],
+    scan: Scan,
     x_m: float,
     y_m: float,
     yaw_rad: float,
@@ -131,6 +127,7 @@ def _recall(
     max_age_s: float,
     max_distance_m: float,
 ) -> None:
+    _, ranges, state, fresh = scan
     bins = ranges.size
     scale = bins / (2.0 * np.pi)
     # What was looked at, before anything that is remembered is put into it.
