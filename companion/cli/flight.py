@@ -32,8 +32,7 @@ def run(
     config: Config = None,
     preset: Preset = None,
     start: Annotated[
-        Literal["now", "key", "command"] | None,
-        typer.Option(help="What starts the flight; else mission.start."),
+        Literal["now", "key", "command"] | None, typer.Option(help="What starts the flight; else mission.start.")
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, metavar="N", help="Draws every choice; else a new one.")] = None,
     fix: Fix = False,

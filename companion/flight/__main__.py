@@ -23,10 +23,6 @@ from companion.flight.gate_socket import GateSocket
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
-class ChecksFailedError(CompanionError):
-    """A pre-flight check failed."""
-
-
 class FlightFailedError(CompanionError):
     """The flight did not end as it should."""
 
@@ -71,6 +67,7 @@ def _work(request_fd: int, gate: GateSocket) -> int:
     # Here, where Ctrl-C is waited for already: it takes seconds.
     from companion.flight import mission
     from companion.flight.preflight import refusal, render
+    from companion.flight.preflight.run import FlightRefusedError
     from companion.flight.request import FlightRequest
 
     request = FlightRequest.unsealed(request_fd)
@@ -78,7 +75,7 @@ def _work(request_fd: int, gate: GateSocket) -> int:
         results = asyncio.run(mission.check(request, gate, lambda line: typer.echo(line, err=True)))
         typer.echo(render(results))
         if (why := refusal(results)) is not None:
-            raise ChecksFailedError(why)
+            raise FlightRefusedError(why)
         return 0
     summary = asyncio.run(mission.fly(request, gate, typer.echo))
     if summary["interrupted"]:

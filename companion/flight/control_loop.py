@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import AsyncIterator, Callable
-from typing import Protocol
 
 from companion.clock import Clock
 from companion.flight.phase import FlightPhase, PhaseMachine
@@ -13,25 +12,11 @@ from companion.model import Measurement, Mode, Pose, Setpoint
 from companion.pipeline import Explorer, Tick
 from companion.sensors.synchronizer import Synchronizer
 
-
-class SetpointSink(Protocol):
-    """Whatever follows setpoints: the vehicle."""
-
-    def send(self, setpoint: Setpoint) -> bool:
-        """Send one setpoint; whether it went out."""
-        ...
-
-
-class Gate(Protocol):
-    """The gate, which has to know that a tick was completed before its setpoint comes."""
-
-    def ticked(self, t_s: float, pose: Pose | None, measurement: Measurement | None) -> None:
-        """Everything that this tick's setpoint rests on; None while no pose is known."""
-        ...
-
-
 Watcher = Callable[[Tick], None]
 """Whoever wants to know of each tick: recording, reporting, the map. Takes no longer than a millisecond or two."""
+
+Ticked = Callable[[float, Pose | None, Measurement | None], None]
+"""What the gate is told of each completed tick: time, and what its setpoint rests on; None while no pose is known."""
 
 
 class Rate:
@@ -74,9 +59,10 @@ class ControlLoop:
         explorer: what makes setpoints of them.
         rate: when to tick.
         flight: knows the phase.
-        vehicle: where setpoints go; None: nowhere, as in a pre-flight check.
+        send: sends a setpoint to the vehicle and says whether it went out; None: there is nothing to send, as in a
+            pre-flight check.
         watchers: who is told of every tick.
-        gate: who is told of every tick before its setpoint goes out; without it no setpoint passes.
+        ticked: tells the gate of every tick before its setpoint goes out; without it no setpoint passes.
     """
 
     def __init__(
@@ -85,9 +71,9 @@ class ControlLoop:
         explorer: Explorer,
         rate: Rate,
         flight: PhaseMachine,
-        vehicle: SetpointSink | None,
+        send: Callable[[Setpoint], bool] | None,
         watchers: tuple[Watcher, ...] = (),
-        gate: Gate | None = None,
+        ticked: Ticked | None = None,
     ) -> None:
         self.measurement: Measurement | None = None
         """Of the newest tick, None when it had no pose."""
@@ -98,9 +84,9 @@ class ControlLoop:
         self._explorer = explorer
         self._rate = rate
         self._flight = flight
-        self._vehicle = vehicle
+        self._send = send
         self._watchers = watchers
-        self._gate = gate
+        self._ticked = ticked
 
     def measured_height_m(self) -> float | None:
         """Height above ground, measured by the beam that looks down; None when it is not known now."""
@@ -131,9 +117,9 @@ class ControlLoop:
         if not missing:
             self.fresh_s = now_s
         # Only here, where everything before has succeeded: a tick that failed must not look like one that did.
-        if self._gate is not None:
-            self._gate.ticked(now_s, self.pose, measurement)
-        sent = setpoint is not None and self._vehicle is not None and self._vehicle.send(setpoint)
+        if self._ticked is not None:
+            self._ticked(now_s, self.pose, measurement)
+        sent = setpoint is not None and self._send is not None and self._send(setpoint)
         navigator = self._explorer.navigator
         tick = Tick(
             t_s=now_s,

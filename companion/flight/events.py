@@ -92,11 +92,7 @@ Sink = Callable[[Event, Details], None]
 
 
 class EventEmitter:
-    """Passes every event to every sink.
-
-    Args:
-        sinks: those there are from the beginning.
-    """
+    """Passes every event to every sink."""
 
     def __init__(self, *sinks: Sink) -> None:
         self._sinks = list(sinks)
@@ -115,11 +111,7 @@ _LEVELS = {MavSeverity.WARNING: logging.WARNING, MavSeverity.ERROR: logging.ERRO
 
 
 def console(show: Callable[[str], None]) -> Sink:
-    """A line for the operator.
-
-    Args:
-        show: prints a line.
-    """
+    """A line for the operator, which ``show`` prints."""
 
     def sink(event: Event, details: Details) -> None:
         if event.value.console is not None:

@@ -7,7 +7,6 @@ import math
 from collections import Counter
 from collections.abc import Callable
 
-from companion.autopilot.interface import Transport
 from companion.clock import Clock
 from companion.errors import CompanionError
 from companion.flight.events import Event, EventEmitter
@@ -52,6 +51,7 @@ class GateClient:
         flight: knows the phase of the flight, which every beat says.
 
     Attributes:
+        socket: to the gate, which is the way to the autopilot.
         counted: how often the gate has said what.
         taken: set once the gate has begun to hold or land the vehicle.
         lost: set when the gate is gone.
@@ -61,7 +61,7 @@ class GateClient:
         self.counted: Counter[str] = Counter()
         self.taken = asyncio.Event()
         self.lost = asyncio.Event()
-        self._socket = socket
+        self.socket = socket
         self._clock = clock
         self._events = events
         self._flight = flight
@@ -72,16 +72,6 @@ class GateClient:
     def phase(self) -> Phase:
         """What the next beat says that the application is doing."""
         return GATE_PHASE[self._flight.phase]
-
-    @property
-    def transport(self) -> Transport:
-        """The way to the autopilot."""
-        return self._socket
-
-    @property
-    def beats_unsent(self) -> int:
-        """Beats and messages for which there was no room."""
-        return self._socket.unsent
 
     @property
     def took_over(self) -> str | None:
@@ -96,7 +86,7 @@ class GateClient:
     def ticked(self, t_s: float, pose: Pose | None, measurement: Measurement | None) -> None:
         """A tick was completed: say how old what it rests on is."""
         pose_s = math.inf if pose is None else t_s - pose.t_s
-        self._socket.beat(
+        self.socket.beat(
             Beat(
                 t_s=t_s,
                 depth_age_s=math.inf if measurement is None else _age(measurement.scan_age_s),
@@ -131,14 +121,14 @@ class GateClient:
 
     def look(self) -> None:
         """Show, record and count the notices; find out when the gate is gone."""
-        for notice in self._socket.notices():
+        for notice in self.socket.notices():
             text = notice.text
             self.counted[text if text in self.counted or len(self.counted) < KINDS_OF_NOTICES else OTHERS] += 1
             self._events.emit(Event.GATE_NOTICE, text=text)
-        self._notice = self._socket.stage or self._notice
+        self._notice = self.socket.stage or self._notice
         if self._notice.stage >= Stage.HOLD:
             self.taken.set()
-        if self._socket.gone and not self.lost.is_set():
+        if self.socket.gone and not self.lost.is_set():
             self.lost.set()
             text = "gone; nothing reaches the autopilot any more, its own failsafe stops the vehicle"
             self._events.emit(Event.GATE_NOTICE, text=text)

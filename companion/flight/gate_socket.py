@@ -102,13 +102,6 @@ class GateSocket:
                 found.append(self._notices.popleft())
         return found
 
-    def end(self) -> None:
-        """Say and hear nothing more; for tests: the end of the process does the same."""
-        with contextlib.suppress(OSError):
-            self._end.shutdown(socket.SHUT_RDWR)
-        self._reader.join()
-        self._end.close()
-
     def _read(self) -> None:
         while True:
             try:

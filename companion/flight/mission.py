@@ -28,7 +28,7 @@ from companion.flight.operator_commands import InterruptedFlightError, OperatorC
 from companion.flight.phase import PhaseEvent, PhaseMachine
 from companion.flight.preflight import CheckResult
 from companion.flight.preflight.run import checked, passed
-from companion.flight.reporting import MapFeed, TickReporter
+from companion.flight.reporting import TickReporter, map_feed
 from companion.flight.request import FlightRequest
 from companion.flight.session import Session, open_session
 from companion.flight.tasks import background
@@ -148,13 +148,13 @@ class _Flight:
                 explorer,
                 Rate(session.clock, settings.control.period_s),
                 session.flight,
-                vehicle,
+                vehicle.send,
                 (
                     recorder.tick,
-                    MapFeed(mapper),
+                    map_feed(mapper),
                     TickReporter(events, self._status_reporter, session.telemetry, mapper, session.flight),
                 ),
-                self._gate,
+                self._gate.ticked,
             )
             airborne = Airborne(session, self._operator, vehicle, control_loop, mapper, events)
             broke_off: Exception | None = None
@@ -165,14 +165,12 @@ class _Flight:
                 broke_off, why = error, f"broke off: {error}"
                 events.emit(Event.BROKE_OFF, why=why)
             files, problem = await self._save(mapper)
-            explored = {
+            summary = self._summary(why, results, mapper, recorder) | {
                 "explored_s": round(airborne.explored_s, 1),
                 "map_folder": str(map_folder),
                 "map_problem": problem,
             }
-            summary = self._summary(why, results, mapper, recorder) | explored
-        text = json.dumps(summary, indent=2) + "\n"
-        (folder / "summary.json").write_text(text, encoding="utf-8")
+        (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
         events.emit(Event.OVER, why=why, files=len(files), map_folder=map_folder, folder=folder)
         if broke_off is not None:
             raise broke_off
@@ -248,9 +246,9 @@ class _Flight:
             "unpaired_frames": session.inputs.unpaired,
             "clock_residual_s": session.telemetry.clock_residual_s,
             "gate_notices": dict(self._gate.counted),
-            "beats_unsent": self._gate.beats_unsent,
+            "beats_unsent": self._gate.socket.unsent,
             "skipped_checks": [result.name for result in results if result.skipped],
-            "versions": _versions(),
+            "versions": {name: version(name) for name in ("mine-companion", "mavsdk", "numpy", "numba")},
         }
 
 
@@ -261,7 +259,3 @@ def _new_folder(parent: Path) -> Path:
     except OSError as error:
         raise InputError(f"record.folder = {parent}: {error.strerror}; give a folder that you may write") from None
     return folder
-
-
-def _versions() -> dict[str, str]:
-    return {name: version(name) for name in ("mine-companion", "mavsdk", "numpy", "numba")}

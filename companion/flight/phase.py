@@ -52,10 +52,7 @@ _TRANSITIONS = {
     PhaseEvent.STARTED: ((FlightPhase.CHECKING, FlightPhase.WAITING), FlightPhase.TAKING_OFF),
     PhaseEvent.ENGAGED: ((FlightPhase.TAKING_OFF,), FlightPhase.EXPLORING),
     PhaseEvent.STOPPED: ((FlightPhase.TAKING_OFF, FlightPhase.EXPLORING), FlightPhase.LEAVING),
-    PhaseEvent.LEFT: (
-        (FlightPhase.TAKING_OFF, FlightPhase.EXPLORING, FlightPhase.LEAVING),
-        FlightPhase.ENDED,
-    ),
+    PhaseEvent.LEFT: ((FlightPhase.TAKING_OFF, FlightPhase.EXPLORING, FlightPhase.LEAVING), FlightPhase.ENDED),
 }
 
 

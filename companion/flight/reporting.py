@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from companion.autopilot.status_reporter import StatusReporter
 from companion.autopilot.telemetry import Telemetry
+from companion.flight.control_loop import Watcher
 from companion.flight.events import Event, EventEmitter
 from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.mapping.process.client import MapClient
@@ -24,20 +25,16 @@ _MEANING = {
 }
 
 
-class MapFeed:
-    """Gives every depth image and every planar scan to the map."""
+def map_feed(mapper: MapClient) -> Watcher:
+    """Gives every depth image and every planar scan to the map; when it is slow they are dropped and counted there."""
 
-    def __init__(self, mapper: MapClient) -> None:
-        self._mapper = mapper
+    def feed(tick: Tick) -> None:
+        if tick.observation is not None and tick.observation.frame is not None:
+            mapper.offer(tick.observation.frame)
+        if tick.observation is not None and tick.observation.planar is not None:
+            mapper.offer_scan(tick.observation.planar)
 
-    def __call__(self, tick: Tick) -> None:
-        """Offer what the tick saw; when the map is slow it is dropped and counted there."""
-        if tick.observation is None:
-            return
-        if tick.observation.frame is not None:
-            self._mapper.offer(tick.observation.frame)
-        if tick.observation.planar is not None:
-            self._mapper.offer_scan(tick.observation.planar)
+    return feed
 
 
 class TickReporter:

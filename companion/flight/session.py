@@ -51,7 +51,7 @@ async def open_session(
         GateLostError: the gate ended before anything flew.
         InputError: a driver's settings can never work.
     """
-    async with background(gate.run()), MavsdkLink(settings.autopilot, clock, gate.transport) as link:
+    async with background(gate.run()), MavsdkLink(settings.autopilot, clock, gate.socket) as link:
         telemetry = Telemetry(link, clock, settings)
         sink = SensorSink(clock)
         drivers = load_drivers(settings, DriverContext(clock, link))

@@ -20,7 +20,7 @@ from companion.config.load import load_settings
 from companion.config.settings import Settings
 from companion.control.edges import Edge, corridor_is_free, lies_along_boundary, open_direction
 from companion.control.known_ground import KnownGround, WallFollowing
-from companion.geometry import rotation
+from companion.geometry import pixel_tangents, rotation
 from companion.mapping import VoxelMap
 from companion.mapping.files import write_map
 from companion.mapping.frontiers.frontier import Reach
@@ -86,8 +86,7 @@ class Eyes:
 
 def pixel_rays(camera: Camera) -> Floats:
     """(n, 3) the ray of each pixel in the body's frame, as long as its depth along the optical axis is 1."""
-    v, u = np.mgrid[: camera.height_px, : camera.width_px]
-    left, up = -(u - camera.cx_px) / camera.fx_px, -(v - camera.cy_px) / camera.fy_px
+    left, up = np.meshgrid(*pixel_tangents(camera))
     return np.stack([np.ones_like(left), left, up], axis=-1).reshape(-1, 3)
 
 

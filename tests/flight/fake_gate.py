@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 import subprocess
 import sys
 import threading
 from collections.abc import Sequence
-from types import TracebackType
 
 from companion.flight.gate_socket import GateSocket
 from companion.gate.faults import Stage
@@ -16,6 +16,14 @@ from companion.gate.protocol import GATE_FD, Beat, Goodbye, Notice, is_mavlink, 
 
 MARK = b"\xfd"
 """No message, but passed on as if it were one: what was sent before it has been read by then."""
+
+
+def end(link: GateSocket) -> None:
+    """Close the application's end, as the end of its process does."""
+    with contextlib.suppress(OSError):
+        link._end.shutdown(socket.SHUT_RDWR)
+    link._reader.join()
+    link._end.close()
 
 
 class FakeGate:
@@ -35,11 +43,9 @@ class FakeGate:
     def __enter__(self) -> FakeGate:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.die()
-        self.link.end()
+        end(self.link)
 
     def say(self, *texts: str) -> None:
         """Give notices that only tell something, and return when they have been read."""

@@ -60,9 +60,9 @@ class Bench:
             Explorer(SETTINGS, np.random.default_rng(1)),
             Rate(self.clock, 0.05),
             self.flight,
-            self.vehicle,
+            self.vehicle.send,
             (self.seen.append,),
-            self.gate,
+            self.gate.ticked,
         )
 
     def tick(self, *, pose: bool = True, depth: bool = True, down: bool = True, h_m: float = 1.5) -> Tick:

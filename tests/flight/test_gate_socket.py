@@ -13,7 +13,7 @@ from companion.errors import InputError
 from companion.flight.gate_socket import NOTICES, GateSocket
 from companion.gate.faults import Fault, Stage
 from companion.gate.protocol import GATE_FD, Beat, Goodbye, Notice, Phase
-from tests.flight.fake_gate import MARK, FakeGate
+from tests.flight.fake_gate import MARK, FakeGate, end
 
 BEAT = Beat(10.0, 0.1, 0.1, 0.02, 3.0, 0.5, Phase.EXPLORING)
 
@@ -137,7 +137,7 @@ def test_the_link_is_the_inherited_socket_and_goes_no_further(monkeypatch: pytes
         assert not os.get_inheritable(number)
         link.beat(BEAT)
         assert ours.recv(100) == BEAT.packed()
-        link.end()
+        end(link)
 
 
 @pytest.mark.parametrize("number", ["none", "-1", "99999"])

@@ -14,7 +14,7 @@ from companion.autopilot.telemetry import Telemetry
 from companion.config.settings import Settings
 from companion.flight.events import EventEmitter, console, recording, status_text
 from companion.flight.phase import FlightPhase, PhaseMachine
-from companion.flight.reporting import MapFeed, TickReporter
+from companion.flight.reporting import TickReporter, map_feed
 from companion.mapping.process.client import MapClient
 from companion.mapping.process.messages import MapStatus
 from companion.model import DepthFrame, Input, Mode, Observation, PlanarScan, Pose, Setpoint
@@ -175,7 +175,7 @@ def test_the_map_gets_every_image_and_every_scan(with_frame: bool, with_scan: bo
     frame = DepthFrame(1.0, np.full((CAMERA.height_px, CAMERA.width_px), 2.0, np.float32), CAMERA, POSE)
     scan = PlanarScan(1.0, np.array([0.0, 0.1]), np.array([2.0, 2.0]), 10.0, POSE)
     seen = Observation(1.0, POSE, frame if with_frame else None, planar=scan if with_scan else None)
-    feed = MapFeed(cast("MapClient", mapper))
+    feed = map_feed(cast("MapClient", mapper))
     feed(Tick(1.0, seen, None, None, Mode.HOLD, False, 1.5, 0.0, stepped=False))
     feed(Tick(1.0, None, None, None, Mode.HOLD, False, 1.5, 0.0, stepped=False))
     assert mapper.offered == ([frame] if with_frame else [])

@@ -115,8 +115,8 @@ class Line:
         assert (heartbeats.newest.system_id, heartbeats.newest.component_id) == (1, 1)
         assert await self.link.command(21, 1.0, timeout_s=RECOVERS_S) == 0
         await until(lambda: bool(self.seen) and abs(self.seen[-1].fields["yaw"] - self.autopilot.yaw_rad) < 1e-3)
-        state = self.telemetry.state(self.clock.now_s())
-        assert all(text.text.isprintable() for text in state.texts)
+        self.telemetry.state(self.clock.now_s())
+        assert all(text.text.isprintable() for text in self.telemetry.texts)
         assert not self.operator.start.is_set()
         self.telemetry.ask(self.clock.now_s())
 

@@ -105,7 +105,7 @@ class Flying:
             explorer,
             Rate(self.clock, SETTINGS.control.period_s),
             self.flight,
-            self.vehicle,
+            self.vehicle.send,
             (reporter,),
         )
         self.faults = Faults()
@@ -187,8 +187,8 @@ class Flying:
         state = self.telemetry.state(self.clock.now_s())
         assert state.battery_percent is None or 0.0 <= state.battery_percent <= 100.0
         assert state.heartbeat_age_s >= 0.0
-        assert len(state.texts) <= 20
-        assert all(len(text.text) <= 300 for text in state.texts)
+        assert len(self.telemetry.texts) <= 20
+        assert all(len(text.text) <= 300 for text in self.telemetry.texts)
 
     def moves(self, setpoint: Setpoint | None) -> bool:
         """Whether a setpoint asks for any motion."""

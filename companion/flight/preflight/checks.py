@@ -7,7 +7,6 @@ import shutil
 import tempfile
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Protocol
 
 from companion.autopilot.interface import Link, LinkError
 from companion.autopilot.take_off import send_origin
@@ -20,6 +19,7 @@ from companion.flight.preflight.parameter_rules import check_rule, parameter_che
 from companion.flight.preflight.result import CheckResult
 from companion.mavlink.firmware import ARDUCOPTER_BRAKE_MPS2, AutopilotKind
 from companion.model import Beam
+from companion.sensors.statistics import StreamStatistics
 
 HEARTBEAT_AGE_S = 2.5
 """Two heartbeats may be lost on a link that will do."""
@@ -39,20 +39,6 @@ _LANDED_IN = frozenset({"land", "precision land"})
 """Shown by a vehicle that has landed, until somebody chooses another: with the motors off it does nothing."""
 
 
-class Statistics(Protocol):
-    """What is known of a sensor's stream, as `companion.sensors.statistics.StreamStatistics` has it."""
-
-    @property
-    def rate_hz(self) -> float:
-        """Readings a second."""
-        ...
-
-    @property
-    def age_s(self) -> float:
-        """Time since the newest was measured."""
-        ...
-
-
 def check_names(settings: Settings) -> tuple[str, ...]:
     """The names of all checks, as `run_checks` skips them, of both autopilots."""
     plain = ("link", "autopilot", "attitude", "position", "clock", *_sensor_names(settings), "height", "estimator")
@@ -63,7 +49,7 @@ async def run_checks(
     link: Link,
     telemetry: Telemetry,
     settings: Settings,
-    inputs: Mapping[str, Statistics],
+    inputs: Mapping[str, StreamStatistics],
     *,
     fix: bool = False,
     skip: Collection[str] = (),
@@ -182,7 +168,7 @@ def _sensor_names(settings: Settings) -> tuple[str, ...]:
     return ("depth", *(beam.value for beam in settings.sensors.beams.directions), *planar)
 
 
-def _sensors(inputs: Mapping[str, Statistics], settings: Settings) -> Iterator[CheckResult]:
+def _sensors(inputs: Mapping[str, StreamStatistics], settings: Settings) -> Iterator[CheckResult]:
     sensors = settings.sensors
     for name in _sensor_names(settings):
         if name == "depth":
@@ -303,10 +289,6 @@ def braking(kind: AutopilotKind, settings: Settings) -> Iterator[CheckResult]:
 
     It does not ask for ``control.speed_law``: without the governor the gate still counts on the number, in the stopping
     budget, before its hard limit and before the fence.
-
-    Args:
-        kind: of the autopilot that is connected.
-        settings: the whole configuration.
     """
     if kind is not AutopilotKind.ARDUPILOT:
         return

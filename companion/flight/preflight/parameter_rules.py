@@ -133,10 +133,7 @@ def _px4(settings: Settings) -> tuple[Rule, ...]:
             required=True,
         ),
         Rule(
-            (
-                (_bit("COM_RCL_EXCEPT", 4, "offboard goes on"),),
-                (_one_of("NAV_RCL_ACT", (1, 3), "hold, land"),),
-            ),
+            ((_bit("COM_RCL_EXCEPT", 4, "offboard goes on"),), (_one_of("NAV_RCL_ACT", (1, 3), "hold, land"),)),
             "Underground the transmitter is soon out of reach: the default action is to return, which first climbs.",
         ),
         Rule(

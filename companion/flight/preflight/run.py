@@ -43,8 +43,8 @@ async def checked(session: Session, request: FlightRequest, events: EventEmitter
         Explorer(settings, np.random.default_rng(0)),
         Rate(clock, settings.control.period_s),
         session.flight,
-        vehicle=None,
-        gate=session.gate,
+        send=None,
+        ticked=session.gate.ticked,
     )
     async with background(control_loop.run()):
         await _until_position(session, events)

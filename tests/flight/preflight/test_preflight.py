@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from companion.config.settings import Settings
 from companion.errors import InputError
 from companion.flight.preflight import CheckResult, check_names, refusal, render, run_checks
 from companion.mavlink.firmware import AutopilotKind
+from companion.sensors.statistics import StreamStatistics
 from sitl.launch.settings import OF_PERSONALITY
 from tests.autopilot.fake_link import FakeLink, HandClock
 
@@ -74,12 +74,9 @@ WITHOUT_GPS: dict[AutopilotKind, dict[str, float | int]] = {
 BEAMS = ("front", "left", "back", "right", "down", "up")
 
 
-@dataclass
-class Reading:
+def reading(rate_hz: float, age_s: float = 0.05) -> StreamStatistics:
     """Statistics of a stream, as the sink gives them."""
-
-    rate_hz: float
-    age_s: float = 0.05
+    return StreamStatistics(rate_hz, age_s, count=100, dropped=0, reasons={})
 
 
 class Bench:
@@ -97,7 +94,7 @@ class Bench:
             }
         )
         self.telemetry = Telemetry(self.link, self.clock, self.settings)
-        self.inputs = {"depth": Reading(5.0)} | {beam: Reading(10.0) for beam in BEAMS}
+        self.inputs = {"depth": reading(5.0)} | {beam: reading(10.0) for beam in BEAMS}
         self.height_m: float | None = 0.12
         self.armed = False
         self.battery = 90
@@ -188,11 +185,11 @@ def _no_depth(bench: Bench) -> None:
 
 
 def _slow_depth(bench: Bench) -> None:
-    bench.inputs["depth"] = Reading(2.0)
+    bench.inputs["depth"] = reading(2.0)
 
 
 def _stale_beam(bench: Bench) -> None:
-    bench.inputs["down"] = Reading(10.0, age_s=1.0)
+    bench.inputs["down"] = reading(10.0, age_s=1.0)
 
 
 def _no_height(bench: Bench) -> None:
