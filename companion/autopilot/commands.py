@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from companion.autopilot.interface import LinkError, Message
@@ -13,7 +13,6 @@ from companion.mavlink.ids import MavComponent, MavResult
 RESEND_S = 0.5
 LONGEST_S = 60.0
 """A command that stays in progress for longer than this is given up."""
-PARAMS = 7
 ANSWERING = (MavComponent.AUTOPILOT1, MavComponent.ONBOARD_COMPUTER2)
 
 
@@ -63,13 +62,7 @@ class Commands:
                 del self._waiting[command]
 
     async def _ask(self, command: int, params: tuple[float, ...], timeout_s: float, answers: asyncio.Queue[int]) -> int:
-        fields: dict[str, Any] = {
-            "target_system": self._system_id,
-            "target_component": MavComponent.AUTOPILOT1,
-            "command": command,
-        }
-        for i in range(PARAMS):
-            fields[f"param{i + 1}"] = params[i] if i < len(params) else 0.0
+        fields = command_long(self._system_id, command, params)
         loop = asyncio.get_running_loop()
         begun_s = loop.time()
         deadline_s = begun_s + timeout_s
@@ -94,3 +87,9 @@ class Commands:
             f"the autopilot (system {self._system_id}) did not answer command {command} within {timeout_s:g} s "
             f"({said}); look at the link: is it still sending heartbeats?"
         )
+
+
+def command_long(system_id: int, command: int, params: Iterable[float]) -> dict[str, Any]:
+    """The fields of a COMMAND_LONG to the autopilot of a vehicle; the parameters that are left out are zero."""
+    fields: dict[str, Any] = {"target_system": system_id, "target_component": MavComponent.AUTOPILOT1}
+    return fields | {"command": command} | {f"param{number}": value for number, value in enumerate(params, 1)}

@@ -22,18 +22,13 @@ import math
 import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from types import TracebackType
 from typing import Any, TypeVar
 
 import mavsdk.logging
 from mavsdk.cmavsdk_loader import _cmavsdk_lib
 from mavsdk.connection_result import ConnectionResult
 from mavsdk.mavsdk import Configuration, Mavsdk
-from mavsdk.plugins.mavlink_direct_server import (
-    MavlinkDirectServer,
-    MavlinkDirectServerError,
-    MavlinkMessage,
-)
+from mavsdk.plugins.mavlink_direct_server import MavlinkDirectServer, MavlinkDirectServerError, MavlinkMessage
 from mavsdk.plugins.param import Param
 
 from companion.autopilot.commands import Commands
@@ -120,9 +115,7 @@ class MavsdkLink:
             raise
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self._close()
 
     @property
@@ -205,16 +198,13 @@ class MavsdkLink:
     async def _connect(self) -> None:
         deadline_s = self._loop.time() + self._settings.connect_timeout_s
         heartbeats = self.watch("HEARTBEAT")
-        self._transport.open(self._mavsdk_instance().pass_received_raw_bytes)
+        if self._mavsdk is None:
+            raise LinkError("the link is closed")
+        self._transport.open(self._mavsdk.pass_received_raw_bytes)
         while not await self._found(heartbeats):
             if self._loop.time() >= deadline_s:
                 raise LinkError(self._neighbours.instead_of_ours())
             await asyncio.sleep(POLL_S)
-
-    def _mavsdk_instance(self) -> Mavsdk:
-        if self._mavsdk is None:
-            raise LinkError("the link is closed")
-        return self._mavsdk
 
     async def _found(self, heartbeats: Stream) -> bool:
         if heartbeats.newest is None:

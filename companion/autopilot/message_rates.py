@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from companion.autopilot.commands import command_long
 from companion.autopilot.interface import Link
 from companion.config.autopilot import AutopilotSettings
 from companion.mavlink.estimator import ESTIMATOR
 from companion.mavlink.firmware import AutopilotKind
-from companion.mavlink.ids import MavCmd, MavComponent
+from companion.mavlink.ids import MavCmd
 
 ASK_AGAIN_S = 3.0
 """Longer than the window in which rates are measured, so that an answer shows before it is asked again."""
@@ -41,6 +42,11 @@ def wanted_hz(kind: AutopilotKind, settings: AutopilotSettings) -> dict[str, flo
     }
 
 
+def ask(link: Link, command: int, *params: float) -> None:
+    """Send a command to the autopilot, of which no acknowledgement is waited for: what comes of it is the answer."""
+    link.send("COMMAND_LONG", command_long(link.system_id, command, params))
+
+
 class MessageRates:
     """Asks by SET_MESSAGE_INTERVAL, without waiting for answers: the measured rate is the answer."""
 
@@ -56,17 +62,7 @@ class MessageRates:
             if asked_s is not None and (now_s - asked_s < ASK_AGAIN_S or stream.rate_hz(now_s) >= ENOUGH * hz):
                 continue
             self._asked_s[name] = now_s
-            self._link.send(
-                "COMMAND_LONG",
-                {
-                    "target_system": self._link.system_id,
-                    "target_component": MavComponent.AUTOPILOT1,
-                    "command": MavCmd.SET_MESSAGE_INTERVAL,
-                    "confirmation": 0,
-                    "param1": float(_IDS[name]),
-                    "param2": 1e6 / hz,
-                },
-            )
+            ask(self._link, MavCmd.SET_MESSAGE_INTERVAL, float(_IDS[name]), 1e6 / hz)
 
     def restart(self) -> None:
         """The autopilot was started again: everything has to be asked for anew."""

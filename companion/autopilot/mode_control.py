@@ -45,6 +45,11 @@ class ModeControl:
 
     Attributes:
         asked_to_arm: whether this flight is ours to end.
+
+    Raises:
+        FlightError: by everything that is asked for, when it is refused, with the autopilot's reasons, or never shows.
+        TakenOver: by everything that is asked for, when somebody else has the vehicle or another mode shows.
+        LinkError: by everything that is asked for, when there is no answer.
     """
 
     def __init__(self, link: Link, telemetry: Telemetry, clock: Clock, timeout_s: float) -> None:
@@ -98,7 +103,7 @@ class ModeControl:
         return monitor.confirmed and monitor.ours <= ends
 
     async def offboard(self) -> None:
-        """Have the autopilot follow setpoints: offboard on PX4, guided on ArduPilot. Raises as `hold`."""
+        """Have the autopilot follow setpoints: offboard on PX4, guided on ArduPilot."""
         await self._enter(self._personality.offboard)
 
     async def hold(self, timeout_s: float | None = None) -> None:
@@ -106,29 +111,15 @@ class ModeControl:
 
         Args:
             timeout_s: for the acknowledgement, in s; by default as configured.
-
-        Raises:
-            FlightError: refused, or it never showed.
-            TakenOver: another mode showed instead.
-            LinkError: no answer.
         """
         await self._enter(self._personality.hold, timeout_s=timeout_s)
 
     async def land(self, timeout_s: float | None = None) -> None:
-        """Begin to land where it is; the vehicle may then disarm by itself. Arguments and errors as of `hold`."""
+        """Begin to land where it is; the vehicle may then disarm by itself. Arguments as of `hold`."""
         await self._enter(self._personality.land, may_disarm=True, timeout_s=timeout_s)
 
     async def take_off(self, *parameters: float) -> None:
-        """Begin the autopilot's own take-off.
-
-        Args:
-            parameters: of MAV_CMD_NAV_TAKEOFF.
-
-        Raises:
-            FlightError: refused.
-            TakenOver: somebody else has the vehicle.
-            LinkError: no answer.
-        """
+        """Begin the autopilot's own take-off, with these parameters of MAV_CMD_NAV_TAKEOFF."""
         self.check_ours()
         asked_s = self._clock.now_s()
         self._monitor.ask(self._personality.taking_off)
@@ -137,13 +128,7 @@ class ModeControl:
             raise self.failure(f"the autopilot refuses to take off ({result_name(result)})", asked_s)
 
     async def arm(self) -> None:
-        """Arm; a refusal is tried again for a while, since many of its reasons pass.
-
-        Raises:
-            FlightError: refused, with the autopilot's reasons.
-            TakenOver: somebody else changed the mode.
-            LinkError: no answer.
-        """
+        """Arm; a refusal is tried again for a while, since many of its reasons pass."""
         began_s = self._clock.now_s()
         while True:
             self.check_ours()

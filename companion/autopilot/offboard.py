@@ -54,10 +54,7 @@ class OffboardControl:
     async def engage(self) -> None:
         """Take the mode in which the autopilot follows setpoints, streaming zero on PX4 until it has it.
 
-        Raises:
-            FlightError: the mode was refused.
-            TakenOver: somebody else has the vehicle.
-            LinkError: the autopilot does not answer.
+        Raises as `ModeControl` does.
         """
         if self._modes.needs_stream:
             await self.while_still(self._clock.sleep(STREAM_BEFORE_S))

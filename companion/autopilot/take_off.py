@@ -15,7 +15,7 @@ from companion.autopilot.interface import Link
 from companion.autopilot.mode_control import POLL_S, FlightError, ModeControl
 from companion.autopilot.offboard import OffboardControl
 from companion.clock import Clock
-from companion.config.control import ControlSettings
+from companion.config.settings import Settings
 from companion.control import laws
 from companion.control.ramp import Ramp
 from companion.mavlink.firmware import AutopilotKind
@@ -70,8 +70,7 @@ class TakeOff:
         clock: what time it is.
         modes: modes, arming and the autopilot's own take-off.
         offboard: setpoints.
-        law: of the navigation; the climb by our own setpoints is the height law (6).
-        gps: whether the autopilot knows its position by GPS.
+        settings: the whole configuration; the climb by our own setpoints is the height law (6).
         measured_m: the measured height above ground, None while it is not known.
         risen_m: how far the autopilot's own estimate has risen since it was armed, None when it is not known.
     """
@@ -82,8 +81,7 @@ class TakeOff:
         clock: Clock,
         modes: ModeControl,
         offboard: OffboardControl,
-        law: ControlSettings,
-        gps: bool,
+        settings: Settings,
         measured_m: Height,
         risen_m: Height,
     ) -> None:
@@ -91,23 +89,20 @@ class TakeOff:
         self._clock = clock
         self._modes = modes
         self._offboard = offboard
-        self._law = law
-        self._ramp = Ramp(law.max_accel_mps2, POLL_S)
-        self._gps = gps
+        self._law = settings.control
+        self._ramp = Ramp(self._law.max_accel_mps2, POLL_S)
+        self._gps = settings.autopilot.gps
+        self._timeout_s = settings.mission.take_off_timeout_s
         self._measured_m = measured_m
         self._risen_m = risen_m
 
-    async def run(self, height_m: float, timeout_s: float) -> None:
+    async def run(self, height_m: float) -> None:
         """Arm and climb until the measured height has stayed within 0.2 m of ``height_m`` for 1 s.
 
         Args:
             height_m: above ground.
-            timeout_s: for all of it.
 
-        Raises:
-            FlightError: refused, or not reached in time.
-            TakenOver: somebody else changed the mode.
-            LinkError: the autopilot does not answer.
+        Raises as `ModeControl` does, and FlightError when it is not reached in time.
         """
         modes, began_s = self._modes, self._clock.now_s()
         if modes.armed:
@@ -127,7 +122,7 @@ class TakeOff:
         else:
             await self._offboard.engage()
             await self._offboard.while_still(modes.arm())
-        await self._climb(height_m, began_s, timeout_s)
+        await self._climb(height_m, began_s)
 
     async def _set_height(self, height_m: float) -> None:
         link = self._link
@@ -137,7 +132,7 @@ class TakeOff:
         elif not math.isclose(found, height_m, abs_tol=0.01):
             await link.set_param(TAKE_OFF_HEIGHT, height_m)
 
-    async def _climb(self, height_m: float, began_s: float, timeout_s: float) -> None:
+    async def _climb(self, height_m: float, began_s: float) -> None:
         modes, clock = self._modes, self._clock
         ground_m = self._measured_m() or 0.0
         highest_m, highest_s = -math.inf, clock.now_s()
@@ -147,10 +142,10 @@ class TakeOff:
             if modes.taken_over == DISARMED:
                 raise modes.failure("the autopilot disarmed before the height was reached", began_s)
             modes.check_ours()
-            if now_s - began_s > timeout_s:
+            if now_s - began_s > self._timeout_s:
                 shown = "not measured" if now_m is None else f"{now_m:.2f} m"
                 raise modes.failure(
-                    f"{height_m:g} m above ground not reached within {timeout_s:g} s: the height is {shown}",
+                    f"{height_m:g} m above ground not reached within {self._timeout_s:g} s: the height is {shown}",
                     began_s,
                 )
             if now_m is not None and now_m > highest_m + RISING_M:

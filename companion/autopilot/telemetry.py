@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Mapping
 
 from companion.autopilot import vehicle_state
 from companion.autopilot.interface import Link, Message, Stream
-from companion.autopilot.message_rates import MessageRates, wanted_hz
+from companion.autopilot.message_rates import MessageRates, ask, wanted_hz
 from companion.autopilot.vehicle_state import StatusText, VehicleState, integer, number
 from companion.clock import Clock, ClockAlignment
 from companion.config.settings import Settings
 from companion.frames import NedPose, pose_from_ned
 from companion.mavlink.estimator import ESTIMATOR
-from companion.mavlink.ids import MavCmd, MavComponent, MavModeFlag
+from companion.mavlink.ids import MavCmd, MavModeFlag
 from companion.mavlink.modes import mode_name
 from companion.mavlink.position_jump import Motion, position_jump_m
 from companion.model import ABSURD, Pose
@@ -38,6 +39,10 @@ OLDEST_S = 2.0
 """A pose that says to have been measured longer ago than `PoseBuffer` remembers is one sent again, or garbage."""
 AUTOPILOT_VERSION_ID = 148
 NANOSECONDS = 1e-9
+
+_ATTITUDE = {"roll_rad": "roll", "pitch_rad": "pitch", "yaw_rad": "yaw", "yaw_rate_radps": "yawspeed"}
+_POSITION = {"north_m": "x", "east_m": "y", "down_m": "z", "v_north_mps": "vx", "v_east_mps": "vy", "v_down_mps": "vz"}
+"""Fields of `NedPose`, and of the messages that hold them."""
 
 
 class Telemetry:
@@ -105,16 +110,7 @@ class Telemetry:
             self._ask_time(now_s)
         if self._version.newest is None and now_s - self._asked_version_s >= TIMESYNC_SLOW_S:
             self._asked_version_s = now_s
-            self._link.send(
-                "COMMAND_LONG",
-                {
-                    "target_system": self._link.system_id,
-                    "target_component": MavComponent.AUTOPILOT1,
-                    "command": MavCmd.REQUEST_MESSAGE,
-                    "confirmation": 0,
-                    "param1": float(AUTOPILOT_VERSION_ID),
-                },
-            )
+            ask(self._link, MavCmd.REQUEST_MESSAGE, float(AUTOPILOT_VERSION_ID))
 
     @property
     def clock_residual_s(self) -> float | None:
@@ -143,7 +139,6 @@ class Telemetry:
             pose_age_s=math.inf if pose is None else now_s - pose.t_s,
             position_valid=estimator is not None and vehicle_state.position_valid(self._link.kind, estimator),
             version=None if self._version.newest is None else vehicle_state.version(self._version.newest),
-            texts=self.texts,
         )
 
     def _newest_heartbeat(self) -> Message | None:
@@ -199,26 +194,12 @@ class Telemetry:
         self._begun_s = now_s
 
     def _on_attitude(self, message: Message) -> None:
-        pose = self._pose(
-            message,
-            roll_rad=number(message, "roll"),
-            pitch_rad=number(message, "pitch"),
-            yaw_rad=number(message, "yaw"),
-            yaw_rate_radps=number(message, "yawspeed"),
-        )
+        pose = self._pose(message, _ATTITUDE)
         if pose is not None:
             self.poses.add_attitude(pose.t_s, pose.roll_rad, pose.pitch_rad, pose.yaw_rad, pose.yaw_rate_radps)
 
     def _on_position(self, message: Message) -> None:
-        pose = self._pose(
-            message,
-            north_m=number(message, "x"),
-            east_m=number(message, "y"),
-            down_m=number(message, "z"),
-            v_north_mps=number(message, "vx"),
-            v_east_mps=number(message, "vy"),
-            v_down_mps=number(message, "vz"),
-        )
+        pose = self._pose(message, _POSITION)
         if pose is None:
             return
         if self._position is not None and self._jumped(self._position, pose):
@@ -232,8 +213,9 @@ class Telemetry:
         """Whether the estimator has set the position anew."""
         return position_jump_m(_motion(before), _motion(after), after.t_s - before.t_s) > self._jump_m
 
-    def _pose(self, message: Message, **ned: float) -> Pose | None:
+    def _pose(self, message: Message, names: Mapping[str, str]) -> Pose | None:
         """The numbers of one message, in our frames; what it does not say is zero."""
+        ned = {field: number(message, name) for field, name in names.items()}
         t_s = self._stamp_s(message)
         if t_s is None or not all(abs(value) < ABSURD for value in ned.values()):
             self.malformed += 1

@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable
-from types import TracebackType
 from typing import Self
 
 from companion.autopilot.interface import Link
@@ -40,6 +39,11 @@ class Vehicle:
         telemetry: what the autopilot says of itself.
         settings: the whole configuration.
         clock: what time it is.
+
+    Raises:
+        FlightError: by every manoeuvre, when the autopilot refuses, with its own texts.
+        TakenOver: by every manoeuvre, when somebody else has the vehicle.
+        LinkError: by every manoeuvre, when the autopilot does not answer.
     """
 
     def __init__(self, link: Link, telemetry: Telemetry, settings: Settings, clock: Clock) -> None:
@@ -61,16 +65,6 @@ class Vehicle:
         """
         return self._modes.taken_over
 
-    @property
-    def engaged(self) -> bool:
-        """Whether the autopilot follows our setpoints, as far as is known."""
-        return self._offboard.engaged
-
-    @property
-    def silent_because(self) -> str | None:
-        """Why `send` sent nothing when it was last called; None when it did."""
-        return self._offboard.silent_because
-
     async def take_off(self, height_m: float, measured_height_m: Callable[[], float | None]) -> None:
         """Arm, take off, and return when the measured height has been within 0.2 m of ``height_m`` for 1 s.
 
@@ -81,23 +75,14 @@ class Vehicle:
             measured_height_m: the measured height above ground, None while it is not known.
 
         Raises:
-            FlightError: the autopilot refused, or the height was not reached in time; with the autopilot's texts.
-            TakenOver: somebody else changed the mode.
-            LinkError: the autopilot does not answer.
+            FlightError: also when the height was not reached in time.
         """
         pose = self._telemetry.poses.newest()
         self._start_z_m = None if pose is None else pose.z_m
         take_off = TakeOff(
-            self._link,
-            self._clock,
-            self._modes,
-            self._offboard,
-            self._settings.control,
-            self._settings.autopilot.gps,
-            measured_height_m,
-            self._risen_m,
+            self._link, self._clock, self._modes, self._offboard, self._settings, measured_height_m, self._risen_m
         )
-        await take_off.run(height_m, self._settings.mission.take_off_timeout_s)
+        await take_off.run(height_m)
 
     async def engage(self) -> None:
         """Make the autopilot follow our setpoints: offboard on PX4, guided on ArduPilot. Returns when it does.
@@ -105,9 +90,7 @@ class Vehicle:
         Setpoints must follow within ``autopilot.silence_s``.
 
         Raises:
-            FlightError: not flying, or the mode was refused.
-            TakenOver: somebody else has the vehicle.
-            LinkError: the autopilot does not answer.
+            FlightError: also when it does not fly.
         """
         self._modes.check_ours()
         if not self._modes.maybe_armed:
@@ -123,18 +106,12 @@ class Vehicle:
         longer than ``autopilot.silence_s`` and no heartbeat has told yet what the autopilot made of it.
 
         Returns:
-            Whether it went out; `silent_because` says why it did not.
+            Whether it went out; the log says why it did not.
         """
         return self._offboard.send(setpoint)
 
     async def hold(self) -> None:
-        """Stop and stay: hold on PX4, brake on ArduPilot.
-
-        Raises:
-            FlightError: the mode was refused, as PX4 does without a global origin.
-            TakenOver: somebody else has the vehicle.
-            LinkError: the autopilot does not answer.
-        """
+        """Stop and stay: hold on PX4, which refuses it without a global origin, brake on ArduPilot."""
         self._offboard.release()
         await self._modes.hold()
 
@@ -143,11 +120,6 @@ class Vehicle:
 
         Returns:
             True when it has landed and disarmed, False when that took longer than ``timeout_s``: it lands on.
-
-        Raises:
-            FlightError: the mode was refused.
-            TakenOver: somebody else has the vehicle.
-            LinkError: the autopilot does not answer.
         """
         self._offboard.release()
         give_up_s = self._clock.now_s() + timeout_s
@@ -162,9 +134,7 @@ class Vehicle:
     async def __aenter__(self) -> Self:
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
         self._offboard.release()
         leaving = asyncio.create_task(self._leave())
         cancelled: asyncio.CancelledError | None = None

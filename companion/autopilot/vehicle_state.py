@@ -37,7 +37,6 @@ class VehicleState:
         pose_age_s: of the newest complete pose, by the time at which it was measured.
         position_valid: the estimator knows attitude, velocity and a position (relative is enough, GPS is not needed).
         version: of the firmware, for example "1.15.0" or "4.7.0-dev".
-        texts: the last STATUSTEXTs, oldest first.
     """
 
     armed: bool
@@ -48,7 +47,6 @@ class VehicleState:
     pose_age_s: float
     position_valid: bool
     version: str | None
-    texts: tuple[StatusText, ...]
 
 
 def number(message: Message, name: str) -> float:

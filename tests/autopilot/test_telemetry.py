@@ -268,7 +268,7 @@ def test_the_state_is_what_the_messages_say() -> None:
     state = autopilot.telemetry.state(autopilot.clock.now_s())
     assert (state.armed, state.mode, state.landed, state.battery_percent) == (True, "offboard", False, 61.0)
     assert (state.heartbeat_age_s, state.position_valid) == (0.5, True)
-    assert [(text.severity, text.text) for text in state.texts] == [(4, "Failsafe")]
+    assert [(text.severity, text.text) for text in autopilot.telemetry.texts] == [(4, "Failsafe")]
     autopilot.heartbeat(PX4_POSITION, armed=False)
     autopilot.link.deliver("EXTENDED_SYS_STATE", {"landed_state": 1})
     state = autopilot.telemetry.state(autopilot.clock.now_s())
@@ -329,7 +329,7 @@ def test_texts_are_bounded() -> None:
     autopilot = Autopilot()
     for i in range(TEXTS + 30):
         autopilot.link.deliver("STATUSTEXT", {"severity": 6, "text": str(i)})
-    texts = autopilot.telemetry.state(autopilot.clock.now_s()).texts
+    texts = autopilot.telemetry.texts
     assert [text.text for text in texts] == [str(i) for i in range(30, TEXTS + 30)]
 
 

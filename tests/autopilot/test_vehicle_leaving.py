@@ -62,7 +62,7 @@ async def test_cancelling_again_and_again_does_not_stop_the_leaving() -> None:
                 await one.cruise(1.0)
 
     task = asyncio.ensure_future(fly_on())
-    while not one.vehicle.engaged:
+    while not one.vehicle._offboard.engaged:
         await one.clock.sleep(0.05)
     while not task.done():
         task.cancel()

@@ -33,7 +33,7 @@ async def test_what_is_not_finite_never_leaves(bad: float, field: int) -> None:
         values[field] = bad
         assert not vehicle.send(Setpoint(one.clock.now_s(), *values))
         assert len(one.setpoints) == sent
-        assert vehicle.silent_because == "the setpoint is not finite"
+        assert vehicle._offboard.silent_because == "the setpoint is not finite"
 
 
 async def test_nothing_is_sent_before_engaging() -> None:
@@ -56,4 +56,4 @@ async def test_nothing_is_sent_to_an_autopilot_that_is_not_heard() -> None:
         went = await one.cruise(5.0)
         assert went[0]
         assert not went[-1]
-        assert "heartbeat" in str(vehicle.silent_because)
+        assert "heartbeat" in str(vehicle._offboard.silent_because)

@@ -22,7 +22,7 @@ async def test_take_off_ends_at_the_measured_height_and_setpoints_then_steer(kin
         assert abs(measured_m - H_M) <= 0.2
         assert one.autopilot.armed
         await vehicle.engage()
-        assert vehicle.engaged
+        assert vehicle._offboard.engaged
         assert all(await one.cruise(2.0))
         assert one.autopilot.mode == (scripted.PX4_OFFBOARD if kind is PX4 else scripted.GUIDED)
         last = one.setpoints[-1]
@@ -41,7 +41,7 @@ async def test_hold_is_not_height_reached() -> None:
         measured_m = one.autopilot.measured_m()
         assert measured_m is not None
         assert abs(measured_m - H_M) <= 0.2
-        assert one.vehicle.engaged
+        assert one.vehicle._offboard.engaged
 
 
 async def test_no_setpoint_goes_out_before_ardupilot_flies() -> None:

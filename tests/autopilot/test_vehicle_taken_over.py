@@ -25,14 +25,14 @@ async def test_a_pilot_who_takes_over_is_obeyed_and_nothing_is_taken_back(mode: 
         sent = len(one.setpoints)
         assert not any(await one.cruise(3.0))
         assert vehicle.taken_over
-        assert "somebody else has the vehicle" in str(vehicle.silent_because)
+        assert "somebody else has the vehicle" in str(vehicle._offboard.silent_because)
         for refused in (vehicle.engage(), vehicle.hold(), vehicle.land()):
             with pytest.raises(TakenOver):
                 await refused
         one.autopilot.mode = scripted.PX4_OFFBOARD
         one.autopilot.heartbeat()
         assert not any(await one.cruise(2.0))
-        assert not vehicle.engaged
+        assert not vehicle._offboard.engaged
     assert len(one.link.commands) == asked, "hands off also at the end"
     assert len(one.setpoints) == sent
 

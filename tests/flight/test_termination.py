@@ -25,7 +25,6 @@ def conditions(vehicle: dict[str, Any] | None = None, **changes: Any) -> Conditi
         pose_age_s=0.03,
         position_valid=True,
         version="1.17.0",
-        texts=(),
     )
     state = replace(state, **(vehicle or {}))
     well = Conditions(

@@ -60,8 +60,8 @@ async def _fly_through_an_outage(ours: Stage) -> None:
         assert witness.speed_at(died_s) > 0.3
         await flight.stream(DEAD_S, 0.5)
 
-        assert vehicle.silent_because is not None
-        assert "no heartbeat" in vehicle.silent_because
+        assert vehicle._offboard.silent_because is not None
+        assert "no heartbeat" in vehicle._offboard.silent_because
         assert relay.seen.setpoints(died_s + 4.5) == [], "no setpoints into a dead link"
         dead = [pose for pose in tuple(witness.poses) if pose.t_s > died_s + 3.0]
         assert max(map(speed_mps, dead)) < 0.15
