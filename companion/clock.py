@@ -185,8 +185,3 @@ class ClockAlignment:
         if offset_s is None or not math.isfinite(remote_s):
             return None
         return remote_s + offset_s
-
-    def clear(self) -> None:
-        """Forget everything: the other clock was set anew."""
-        self._round_trips.clear()
-        self._one_way.clear()

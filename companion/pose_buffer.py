@@ -5,8 +5,7 @@ from __future__ import annotations
 import bisect
 import math
 from collections import deque
-from dataclasses import astuple, dataclass
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 from companion.model import ABSURD, Pose, wrap_rad
 
@@ -20,8 +19,7 @@ SAMPLES = 1024
 """Of each kind: two seconds at 500 Hz."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Attitude:
+class _Attitude(NamedTuple):
     t_s: float
     roll_rad: float
     pitch_rad: float
@@ -38,12 +36,10 @@ class _Attitude:
         )
 
     def ahead(self, by_s: float) -> _Attitude:
-        yaw_rad = wrap_rad(self.yaw_rad + self.yaw_rate_radps * by_s)
-        return _Attitude(self.t_s + by_s, self.roll_rad, self.pitch_rad, yaw_rad, self.yaw_rate_radps)
+        return self._replace(t_s=self.t_s + by_s, yaw_rad=wrap_rad(self.yaw_rad + self.yaw_rate_radps * by_s))
 
 
-@dataclass(frozen=True, slots=True)
-class _Position:
+class _Position(NamedTuple):
     t_s: float
     x_m: float
     y_m: float
@@ -53,25 +49,14 @@ class _Position:
     vz_mps: float
 
     def towards(self, later: _Position, share: float) -> _Position:
-        return _Position(
-            t_s=_between(self.t_s, later.t_s, share),
-            x_m=_between(self.x_m, later.x_m, share),
-            y_m=_between(self.y_m, later.y_m, share),
-            z_m=_between(self.z_m, later.z_m, share),
-            vx_mps=_between(self.vx_mps, later.vx_mps, share),
-            vy_mps=_between(self.vy_mps, later.vy_mps, share),
-            vz_mps=_between(self.vz_mps, later.vz_mps, share),
-        )
+        return _Position(*(_between(before, after, share) for before, after in zip(self, later, strict=True)))
 
     def ahead(self, by_s: float) -> _Position:
-        return _Position(
+        return self._replace(
             t_s=self.t_s + by_s,
             x_m=self.x_m + self.vx_mps * by_s,
             y_m=self.y_m + self.vy_mps * by_s,
             z_m=self.z_m + self.vz_mps * by_s,
-            vx_mps=self.vx_mps,
-            vy_mps=self.vy_mps,
-            vz_mps=self.vz_mps,
         )
 
 
@@ -87,7 +72,7 @@ class _Track(Generic[Sample]):
 
     def add(self, sample: Sample) -> bool:
         """False when it is refused: not finite, absurd, or not later than the newest."""
-        t_s, *values = astuple(sample)
+        t_s, *values = sample
         if not math.isfinite(t_s) or not all(abs(value) < ABSURD for value in values):
             return False
         if self.samples and t_s <= self.samples[-1].t_s:
@@ -175,19 +160,7 @@ class PoseBuffer:
 
 
 def _pose(t_s: float, attitude: _Attitude, position: _Position) -> Pose:
-    return Pose(
-        t_s=t_s,
-        x_m=position.x_m,
-        y_m=position.y_m,
-        z_m=position.z_m,
-        yaw_rad=attitude.yaw_rad,
-        roll_rad=attitude.roll_rad,
-        pitch_rad=attitude.pitch_rad,
-        vx_mps=position.vx_mps,
-        vy_mps=position.vy_mps,
-        vz_mps=position.vz_mps,
-        yaw_rate_radps=attitude.yaw_rate_radps,
-    )
+    return Pose(**(attitude._asdict() | position._asdict() | {"t_s": t_s}))
 
 
 def _between(earlier: float, later: float, share: float) -> float:

@@ -72,11 +72,6 @@ class Vehicle:
         """The modes asked for last."""
         return self._mode_monitor.ours
 
-    @property
-    def shown_mode(self) -> int | None:
-        """Of the newest heartbeat."""
-        return self._mode_monitor.mode
-
     def confirms(self, mode: int) -> bool:
         """Whether a mode was asked for last, and a heartbeat has shown it since."""
         return self._mode_monitor.confirmed and self._mode_monitor.ours == {mode} and self._mode_monitor.mode == mode

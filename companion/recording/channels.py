@@ -162,10 +162,7 @@ class Channels:
         """A line of the log."""
         t_ns = self._ns(t_s, self._wall_ns)
         message = Log(
-            timestamp=_stamp(t_ns),
-            level=_LEVELS.get(level, LogLevel.Unknown),
-            message=text[:LONGEST_TEXT],
-            name=name,
+            timestamp=_stamp(t_ns), level=_LEVELS.get(level, LogLevel.Unknown), message=text[:LONGEST_TEXT], name=name
         )
         self._log.log(message, log_time=t_ns)
 
@@ -198,13 +195,7 @@ class Channels:
         height, width = frame.depth_m.shape
         data = np.ascontiguousarray(frame.depth_m, np.dtype("<f4")).tobytes()
         image = RawImage(
-            timestamp=stamp,
-            frame_id=CAMERA,
-            width=width,
-            height=height,
-            encoding="32FC1",
-            step=4 * width,
-            data=data,
+            timestamp=stamp, frame_id=CAMERA, width=width, height=height, encoding="32FC1", step=4 * width, data=data
         )
         self._depth.log(image, log_time=t_ns)
         self._calibration.log(_calibration(camera, stamp), log_time=t_ns)

@@ -211,7 +211,7 @@ class _Seen:
             least_d_m=min(distances, default=None),
             margin_m=margin_m,
             near_s=None if margin_m is None or not spans else sum(_near_s(ticks, margin_m) for ticks in within),
-            mode_changes=sum(_changes([tick["mode"] for tick in ticks]) for ticks in within),
+            mode_changes=sum(a["mode"] != b["mode"] for ticks in within for a, b in itertools.pairwise(ticks)),
             wall_clock_step_s=max(self.wall_steps_s, key=abs, default=None),
         )
 
@@ -231,10 +231,6 @@ def _near_s(ticks: Sequence[dict[str, Any]], margin_m: float) -> float:
         for tick, after in itertools.pairwise(ticks)
         if tick["d_m"] is not None and tick["d_m"] < margin_m - NEAR_M
     )
-
-
-def _changes(modes: Sequence[str]) -> int:
-    return sum(one != other for one, other in itertools.pairwise(modes))
 
 
 def _spread_of(values: Iterable[float | None]) -> Spread | None:

@@ -7,7 +7,6 @@ import queue
 import threading
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from companion.clock import Clock
@@ -96,9 +95,7 @@ class Recorder:
             self._thread.start()
         return self
 
-    def __exit__(
-        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Write what waits and end the file; gives a disk that hangs up after `CLOSE_S`."""
         if self._thread is not None:
             self._closing.set()

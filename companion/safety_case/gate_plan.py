@@ -15,11 +15,7 @@ _STAGES = {"tell": Stage.PASS, "brake": Stage.BRAKE, "hold": Stage.HOLD, "land":
 
 
 def to_plan(
-    settings: Settings,
-    *,
-    command: tuple[str, ...],
-    restart_command: tuple[str, ...],
-    inherit: tuple[int, ...] = (),
+    settings: Settings, *, command: tuple[str, ...], restart_command: tuple[str, ...], inherit: tuple[int, ...] = ()
 ) -> Plan:
     """The plan of the gate.
 

@@ -11,7 +11,7 @@ is counted as old as the gate lets it be.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from companion.gate.faults import Fault, Stage
 from companion.gate.plan import CYCLE_S, Plan
@@ -22,9 +22,7 @@ SILENCE_EXTRA_S = 0.12
 FAILSAFE_BRAKE_MPS2 = ARDUCOPTER_BRAKE_MPS2
 """How the autopilots stop by themselves, whichever it is: PX4 stopped in 0.4 m and brakes harder."""
 
-LAW_FLIES = frozenset(
-    {Fault.HEARTBEAT_LOST, Fault.FENCE, Fault.BATTERY, Fault.GROUND_STOP, Fault.MAP, Fault.FLOOD},
-)
+LAW_FLIES = frozenset({Fault.HEARTBEAT_LOST, Fault.FENCE, Fault.BATTERY, Fault.GROUND_STOP, Fault.MAP, Fault.FLOOD})
 """Faults that leave the law all that it needs: until they are noticed it keeps its distance by itself, so that only the
 stop counts. A flood is one of them because what is too much is dropped."""
 
@@ -79,31 +77,50 @@ class Basis:
 
 
 @dataclass(frozen=True, slots=True)
-class BudgetLine:
-    """One fault.
+class Case:
+    """A fault, before a speed is chosen.
 
     Attributes:
         fault: its name; faults that end the gate itself are no `Fault`.
         keys: the settings that decide how soon it is noticed.
-        stops: whether it is answered by stopping; else the pilot is told, and nothing else here counts.
-        speed_mps: the worst speed up to the limit.
         detection_s: until it is noticed, from the last moment at which the law knew where the wall is.
         reaction_s: until the first stop is on the wire.
         autopilot_s: until the vehicle begins to brake.
         brake_mps2: its deceleration.
+        stops: whether it is answered by stopping; else the pilot is told, and nothing else here counts.
+    """
+
+    fault: str
+    keys: tuple[str, ...]
+    detection_s: float
+    reaction_s: float
+    autopilot_s: float
+    brake_mps2: float
+    stops: bool
+
+    @property
+    def delay_s(self) -> float:
+        """Until the vehicle begins to brake, all together."""
+        return self.detection_s + self.reaction_s + self.autopilot_s
+
+    @property
+    def at_hard_limit(self) -> bool:
+        """Whether the gate's own limit takes the law's place."""
+        return self.fault == Fault.DISTANCE
+
+
+@dataclass(frozen=True, slots=True)
+class BudgetLine(Case):
+    """A fault at a speed.
+
+    Attributes:
+        speed_mps: the worst speed up to the limit.
         allowed_m: distance to the wall when the fault strikes, from the middle of the body.
         distance_m: how far the vehicle goes until it stands.
         remaining_m: what is left then between body and wall.
     """
 
-    fault: str
-    keys: tuple[str, ...]
-    stops: bool
     speed_mps: float
-    detection_s: float
-    reaction_s: float
-    autopilot_s: float
-    brake_mps2: float
     allowed_m: float
     distance_m: float
     remaining_m: float
@@ -114,24 +131,6 @@ class BudgetLine:
         return self.stops and self.remaining_m <= 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class _Case:
-    """A fault before a speed is chosen; ``hard_limit`` where the gate's own limit takes the law's place."""
-
-    fault: str
-    keys: tuple[str, ...]
-    detection_s: float
-    reaction_s: float
-    autopilot_s: float
-    brake_mps2: float
-    stops: bool = True
-    hard_limit: bool = False
-
-    @property
-    def delay_s(self) -> float:
-        return self.detection_s + self.reaction_s + self.autopilot_s
-
-
 def stopping_budget(plan: Plan, basis: Basis) -> tuple[BudgetLine, ...]:
     """One line for each fault, and for the three ways to lose the gate itself, each at its own worst speed."""
     return tuple(
@@ -140,16 +139,11 @@ def stopping_budget(plan: Plan, basis: Basis) -> tuple[BudgetLine, ...]:
     )
 
 
-def lines_at(speed_mps: float, plan: Plan, basis: Basis) -> tuple[BudgetLine, ...]:
-    """The same at one speed."""
-    return tuple(_line(case, speed_mps, plan, basis) for case in _cases(plan, basis))
-
-
 def _remaining(line: BudgetLine) -> float:
     return line.remaining_m
 
 
-def _speeds(case: _Case, plan: Plan, basis: Basis) -> Iterator[float]:
+def _speeds(case: Case, plan: Plan, basis: Basis) -> Iterator[float]:
     """Every speed that can be the worst.
 
     With a governor, d_c - r + v·(R - T) - v²/2·(1/a - 1/b) remains: T and a are delay and deceleration of this stop, R
@@ -159,25 +153,19 @@ def _speeds(case: _Case, plan: Plan, basis: Basis) -> Iterator[float]:
     worse with v, or less is lost than at standstill, where d_c and the hard limit leave room by the configuration.
     """
     yield plan.limits.speed_mps
-    if basis.law.governed and not case.hard_limit:
+    if basis.law.governed and not case.at_hard_limit:
         yield min(basis.law.creep_mps, plan.limits.speed_mps)
 
 
-def _line(case: _Case, speed_mps: float, plan: Plan, basis: Basis) -> BudgetLine:
+def _line(case: Case, speed_mps: float, plan: Plan, basis: Basis) -> BudgetLine:
     distance_m = speed_mps * case.delay_s + speed_mps**2 / (2.0 * case.brake_mps2)
-    if case.hard_limit:
+    if case.at_hard_limit:
         allowed_m = _hard_limit_m(plan, speed_mps)
     else:
         allowed_m = basis.law.allows_down_to_m(speed_mps, plan.stopping.brake_mps2)
     return BudgetLine(
-        fault=case.fault,
-        keys=case.keys,
-        stops=case.stops,
+        **asdict(case),
         speed_mps=speed_mps,
-        detection_s=case.detection_s,
-        reaction_s=case.reaction_s,
-        autopilot_s=case.autopilot_s,
-        brake_mps2=case.brake_mps2,
         allowed_m=allowed_m,
         distance_m=distance_m,
         remaining_m=allowed_m - distance_m - basis.body_radius_m,
@@ -194,7 +182,7 @@ def _hard_limit_m(plan: Plan, speed_mps: float) -> float:
     return plan.thresholds.hard_limit_m + speed_mps * ahead_s + speed_mps**2 / (2.0 * stop.brake_mps2)
 
 
-def _cases(plan: Plan, basis: Basis) -> Iterator[_Case]:
+def _cases(plan: Plan, basis: Basis) -> Iterator[Case]:
     limit, stale = plan.thresholds, "safety.stale."
     # The gate looks every cycle. One more period because a single stop may be lost on the way.
     reaction_s = CYCLE_S + plan.period_s
@@ -220,7 +208,7 @@ def _cases(plan: Plan, basis: Basis) -> Iterator[_Case]:
     for fault in Fault:
         first = plan.reactions[fault].first
         detection_s, keys = detection[fault]
-        yield _Case(
+        yield Case(
             fault=fault.value,
             keys=keys,
             detection_s=detection_s,
@@ -229,14 +217,14 @@ def _cases(plan: Plan, basis: Basis) -> Iterator[_Case]:
             # To hold and to land the autopilot brakes in its own way.
             brake_mps2=plan.stopping.brake_mps2 if first is Stage.BRAKE else failsafe_mps2,
             stops=first is not Stage.PASS,
-            hard_limit=fault is Fault.DISTANCE,
         )
     for name in ("gate killed", "computer dead", "link cut"):
-        yield _Case(
+        yield Case(
             fault=name,
             keys=("autopilot.silence_s",),
             detection_s=plan.silence_s + SILENCE_EXTRA_S + basis.pose_fresh_s,
             reaction_s=0.0,
             autopilot_s=0.0,
             brake_mps2=failsafe_mps2,
+            stops=True,
         )

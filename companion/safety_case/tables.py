@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from companion.config.reactions import ReactionSettings
 from companion.config.settings import Settings
 from companion.gate.faults import CLEARS, Clear, Fault
 from companion.safety_case.stopping_budget import BudgetLine
@@ -83,7 +82,8 @@ def render_faults(settings: Settings) -> str:
     for fault, reaction in reactions.by_fault().items():
         meaning = type(reactions).model_fields[fault.value].description or ""
         over = "by itself" if CLEARS[fault] is Clear.BY_ITSELF else "never"
-        rows.append((fault.value, _threshold(fault, settings), *_answer(reaction), over, meaning.partition(";")[0]))
+        answer = (reaction.first, _after(reaction.hold_after_s), _after(reaction.land_after_s))
+        rows.append((fault.value, _threshold(fault, settings), *answer, over, meaning.partition(";")[0]))
     note = (
         f"Over: gone for {settings.safety.recover_s:g} s; never: not in this flight. After hold or land only a person "
         "begins anew."
@@ -105,10 +105,6 @@ def _threshold(fault: Fault, settings: Settings) -> str:
     for part in key.split("."):
         found = getattr(found, part)
     return f"{effective.get(fault, found):.3g} {unit}"
-
-
-def _answer(reaction: ReactionSettings) -> tuple[str, str, str]:
-    return reaction.first, _after(reaction.hold_after_s), _after(reaction.land_after_s)
 
 
 def _after(delay_s: float | None) -> str:

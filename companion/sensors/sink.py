@@ -21,7 +21,6 @@ STREAMS = (DEPTH, *(beam.value for beam in Beam), PLANAR)
 FUTURE_S = 0.1
 """A stamp further ahead of our clock than this is wrong: clocks that are aligned disagree by less."""
 
-
 WIDEST = 20.0
 """Tangent of the angle between a camera's axis and the edge of its image: 87°."""
 FARTHEST_MOUNT_M = 10.0

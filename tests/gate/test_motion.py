@@ -162,7 +162,12 @@ def test_a_vehicle_begins_anew_before_anything_was_heard() -> None:
     """Protects the very start, before the first heartbeat."""
     vehicle = Vehicle(PLAN.thresholds.pose_jump_m)
     vehicle.reset()
-    assert (vehicle.armed, vehicle.airborne, vehicle.taken_over, vehicle.shown_mode) == (False, False, None, None)
+    assert (vehicle.armed, vehicle.airborne, vehicle.taken_over, vehicle._mode_monitor.mode) == (
+        False,
+        False,
+        None,
+        None,
+    )
     vehicle.on_command_sent(176, {"param2": math.nan, "param3": 0.0}, 191)
     assert vehicle.asked_modes == frozenset()
 

@@ -62,7 +62,12 @@ def test_nothing_is_believed_before_it_is_said() -> None:
     vehicle = Vehicle(0.5)
     assert (vehicle.kind, vehicle.battery_percent, vehicle.estimator_good) == (None, None, None)
     assert (vehicle.heard_s, vehicle.heartbeat_s) == (-math.inf, -math.inf)
-    assert (vehicle.armed, vehicle.airborne, vehicle.taken_over, vehicle.shown_mode) == (False, False, None, None)
+    assert (vehicle.armed, vehicle.airborne, vehicle.taken_over, vehicle._mode_monitor.mode) == (
+        False,
+        False,
+        None,
+        None,
+    )
     assert vehicle.asked_modes == frozenset()
     assert vehicle.personality is PX4
     assert not vehicle.confirms(PX4.hold)
@@ -75,7 +80,7 @@ def test_anything_is_a_sign_of_life_but_only_a_heartbeat_is_a_heartbeat() -> Non
     assert (vehicle.heard_s, vehicle.heartbeat_s) == (5.0, -math.inf)
     heartbeat(vehicle, POSITION, 6.0, armed=False)
     assert (vehicle.heard_s, vehicle.heartbeat_s) == (6.0, 6.0)
-    assert (vehicle.shown_mode, vehicle.armed) == (POSITION, False)
+    assert (vehicle._mode_monitor.mode, vehicle.armed) == (POSITION, False)
     vehicle.on_message("SYSTEM_TIME", {}, 7.0)
     assert (vehicle.heard_s, vehicle.heartbeat_s) == (7.0, 6.0)
     heartbeat(vehicle, POSITION, 8.0)
@@ -95,7 +100,7 @@ def test_the_first_firmware_that_we_know_is_the_firmware(first: int, later: int)
     assert NUMBER[vehicle.kind or AutopilotKind.PX4] == first
     assert vehicle.personality.kind is vehicle.kind
     heartbeat(vehicle, 4, 3.0, autopilot=later)
-    assert (vehicle.shown_mode, vehicle.heartbeat_s, vehicle.armed) == (2, 2.0, False)
+    assert (vehicle._mode_monitor.mode, vehicle.heartbeat_s, vehicle.armed) == (2, 2.0, False)
     assert NUMBER[vehicle.kind or AutopilotKind.PX4] == first
 
 
@@ -288,7 +293,7 @@ def test_a_new_application_knows_what_shows_and_has_asked_for_nothing() -> None:
     """Protects it from the requests of the last one, and the gate from forgetting that something is armed."""
     vehicle = ours()
     vehicle.reset()
-    assert (vehicle.shown_mode, vehicle.armed, vehicle.airborne) == (PX4.offboard, True, False)
+    assert (vehicle._mode_monitor.mode, vehicle.armed, vehicle.airborne) == (PX4.offboard, True, False)
     assert vehicle.asked_modes == frozenset()
     mode(vehicle, PX4.land, GATE)
     acknowledge(vehicle, 176, 4, 4.0)

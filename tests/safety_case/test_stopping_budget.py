@@ -16,9 +16,11 @@ from companion.safety_case.stopping_budget import (
     FAILSAFE_BRAKE_MPS2,
     LAW_FLIES,
     SILENCE_EXTRA_S,
+    Basis,
     BudgetLine,
     Law,
-    lines_at,
+    _cases,
+    _line,
     stopping_budget,
 )
 
@@ -27,6 +29,11 @@ PLAN = to_plan(SETTINGS, command=(), restart_command=())
 BASIS = to_basis(SETTINGS)
 SPEED_MPS = PLAN.limits.speed_mps
 GRID = 60
+
+
+def lines_at(speed_mps: float, plan: Plan, basis: Basis) -> list[BudgetLine]:
+    """The budget at one speed, which need not be the worst."""
+    return [_line(case, speed_mps, plan, basis) for case in _cases(plan, basis)]
 
 
 def line_of(name: str, plan: Plan = PLAN, speed_mps: float = SPEED_MPS) -> BudgetLine:

@@ -1,4 +1,4 @@
-"""Links that are streams of bytes: TCP here, serial ports in `serial_wire`."""
+"""Links that are streams of bytes: TCP here, serial ports in `serial`."""
 
 from __future__ import annotations
 
@@ -68,7 +68,6 @@ class StreamTransport:
         self._writer = FrameWriter(opener.most_waiting)
         self._opener = opener
         self._line: Line | None = None
-        self._lost = False
         self._reconnect = Reconnect()
 
     def fileno(self) -> int | None:

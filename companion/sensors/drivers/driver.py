@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 from typing import Protocol, runtime_checkable
 
 from companion.autopilot.interface import Link
@@ -76,10 +76,7 @@ def _factory(name: str) -> DriverFactory:
     if len(found) > 1:
         places = ", ".join(sorted(found))
         raise InputError(f"sensors.drivers: {name} is offered more than once ({places}); uninstall all but one")
-    return _load(*found.values())
-
-
-def _load(entry: EntryPoint) -> DriverFactory:
+    (entry,) = found.values()
     try:
         factory: DriverFactory = entry.load()
     except (ImportError, AttributeError) as error:

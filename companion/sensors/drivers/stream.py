@@ -59,12 +59,8 @@ class StreamDriver:
         self._address = parse_address(url)
         self._clock = clock
         self._receiver: _Receiver | None = None
-        self._problem: str | None = "not started"
-
-    @property
-    def problem(self) -> str | None:
+        self.problem: str | None = "not started"
         """The reason why nothing arrives, for a person; None while connected."""
-        return self._problem
 
     @property
     def residual_s(self) -> float | None:
@@ -120,9 +116,9 @@ class StreamDriver:
         raise ConnectionError("nothing comes any more")
 
     def _report(self, problem: str | None) -> None:
-        if problem == self._problem:
+        if problem == self.problem:
             return
-        self._problem = problem
+        self.problem = problem
         if problem is None:
             _log.info("sensor stream connected: %s", self._url)
         else:

@@ -57,18 +57,14 @@ class StreamServer:
 
     def __init__(self, url: str, camera: Camera | None, clock: Clock) -> None:
         self._address = parse_address(url)
-        self._url = url
+        self.url = url
+        """The address that clients connect to."""
         self._camera = camera
         self._hello = b"" if camera is None else encode_camera(camera)
         self._clock = clock
         self._clients: set[_Client] = set()
         self._server: asyncio.Server | None = None
         self.skipped = 0
-
-    @property
-    def url(self) -> str:
-        """The address that clients connect to."""
-        return self._url
 
     @property
     def client_count(self) -> int:
@@ -88,11 +84,11 @@ class StreamServer:
             else:
                 self._server = await loop.create_unix_server(self._new_client, str(address.path))
         except OSError as error:
-            raise InputError(f"cannot offer a sensor stream at {self._url}: {error}") from error
+            raise InputError(f"cannot offer a sensor stream at {self.url}: {error}") from error
         if isinstance(address, TcpAddress) and address.port == 0:
             port = self._server.sockets[0].getsockname()[1]
             host = f"[{address.host}]" if ":" in address.host else address.host
-            self._url = f"tcp://{host}:{port}"
+            self.url = f"tcp://{host}:{port}"
         return self
 
     async def __aexit__(self, *_: object) -> None:
