@@ -26,10 +26,7 @@ LinkUrl = Annotated[str, AfterValidator(_link_url)]
 class AutopilotSettings(Section):
     """How the flight controller is reached, and what is expected of it."""
 
-    url: LinkUrl = Field(
-        "udpin://127.0.0.1:14540",
-        description=f"where the flight controller is: {LINK_FORMS}",
-    )
+    url: LinkUrl = Field("udpin://127.0.0.1:14540", description=f"where the flight controller is: {LINK_FORMS}")
     system_id: int = Field(
         1, ge=1, le=250, description="MAVLink system id of this vehicle; the application is component 191 of it"
     )

@@ -34,13 +34,7 @@ CAUTIOUS: dict[str, dict[str, Any]] = {
         "hang_s": 5.0,
     },
     "pose": {"jump_m": 0.3, "frozen_s": 0.2},
-    "": {
-        "messages_hz": 250.0,
-        "battery_percent": 20.0,
-        "recover_s": 3.0,
-        "autopilot_delay_s": 0.25,
-        "restarts": 1,
-    },
+    "": {"messages_hz": 250.0, "battery_percent": 20.0, "recover_s": 3.0, "autopilot_delay_s": 0.25, "restarts": 1},
 }
 """What `level: cautious` fills in, by section; what is not here it leaves as it is."""
 

@@ -152,10 +152,7 @@ class ScanSettings(Section):
         60.0, ge=0.0, le=600.0, description="remembered points expire after this time, in s; 0 remembers nothing"
     )
     memory_look_m: float = Field(
-        5.0,
-        ge=0.5,
-        le=6.0,
-        description="points are remembered from looks at most this far, where depth is precise",
+        5.0, ge=0.5, le=6.0, description="points are remembered from looks at most this far, where depth is precise"
     )
     memory_distance_m: float = Field(
         5.0, ge=0.5, le=6.0, description="remembered points further away than this expire, in m"

@@ -23,11 +23,7 @@ def dump_yaml(settings: Settings) -> str:
 def json_schema() -> dict[str, Any]:
     """JSON Schema (draft 2020-12) of a settings file, for editors that check YAML while it is typed."""
     schema = Settings.model_json_schema()
-    preset = {
-        "description": "the settings below this file",
-        "enum": list(preset_names()),
-        "default": DEFAULT_PRESET,
-    }
+    preset = {"description": "the settings below this file", "enum": list(preset_names()), "default": DEFAULT_PRESET}
     schema["properties"] = {"preset": preset, **schema["properties"]}
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 

@@ -55,10 +55,7 @@ class Parameters:
         float, Ge(0.1), Le(10.0), doc("below this distance in front or beside, stop and turn, in m (d_c)")
     ] = 0.7
     vertical_margin_m: Annotated[
-        float,
-        Ge(0.2),
-        Le(10.0),
-        doc("least distance to the roof, and between the layers of several vehicles, in m"),
+        float, Ge(0.2), Le(10.0), doc("least distance to the roof, and between the layers of several vehicles, in m")
     ] = 0.6
     edge_bearing_rad: Annotated[
         float, Gt(0.0), Le(0.7), doc("an edge within this bearing of the heading can be an exit, in rad (ᾱ)")
@@ -70,10 +67,7 @@ class Parameters:
         float, Gt(0.0), Le(2.0), doc("the intermediate target counts as reached within this distance, in m (ē)")
     ] = 0.2
     tangent_probability: Annotated[
-        float,
-        Gt(0.0),
-        Lt(1.0),
-        doc("probability of leaving the wall along a tangent (p, strictly between 0 and 1)"),
+        float, Gt(0.0), Lt(1.0), doc("probability of leaving the wall along a tangent (p, strictly between 0 and 1)")
     ] = 0.3
     choice: Annotated[
         Literal["coin", "frontier"],
@@ -96,8 +90,7 @@ class Parameters:
         float, Gt(0.0), Le(3.0), doc("smooth law in R2: full yaw rate from this bearing of the target on, in rad")
     ] = 0.4
     speed_law: Annotated[
-        Literal["paper", "governor"],
-        doc("paper: (12) alone; governor: (12), lowered to what can be braked and turned"),
+        Literal["paper", "governor"], doc("paper: (12) alone; governor: (12), lowered to what can be braked and turned")
     ] = "governor"
     governor: Governor
     climb_feed_forward: Annotated[bool, doc("add the climb rate of the ground ahead to (6)")] = True
