@@ -38,9 +38,6 @@ class ModeControl:
     """Modes, arming and take-off, each confirmed; and the one judgement of whose the vehicle is.
 
     Args:
-        link: to the autopilot.
-        telemetry: knows what it says.
-        clock: what time it is.
         timeout_s: how long to wait for the acknowledgement of a command.
 
     Attributes:

@@ -28,8 +28,6 @@ class OffboardControl:
     """Sends setpoints while the vehicle is ours and follows them.
 
     Args:
-        link: to the autopilot.
-        clock: what time it is.
         modes: knows whose the vehicle is.
         silence_s: the autopilot reacts when setpoints stop for this long.
         heartbeat_s: an autopilot that has not been heard for this long no longer hears us either, as far as we know.

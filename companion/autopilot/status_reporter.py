@@ -8,7 +8,7 @@ from collections import deque
 
 from companion.autopilot.interface import Link, LinkError
 from companion.clock import Clock
-from companion.mavlink.ids import MavAutopilot, MavModeFlag, MavSeverity, MavState, MavType
+from companion.mavlink.ids import MAVLINK_VERSION, MavAutopilot, MavModeFlag, MavSeverity, MavState, MavType
 
 HEARTBEAT_PERIOD_S = 1.0
 VALUES_PERIOD_S = 0.5
@@ -19,8 +19,6 @@ WAITING = 8
 TEXT_BYTES = 50
 NAME_BYTES = 10
 
-MAVLINK_VERSION = 3
-
 
 class StatusReporter:
     """Sends HEARTBEAT once a second, STATUSTEXT at most once a second, and NAMED_VALUE_FLOAT twice a second.
@@ -29,7 +27,6 @@ class StatusReporter:
 
     Args:
         link: to the autopilot, which passes on what ground stations should see.
-        clock: what time it is.
     """
 
     def __init__(self, link: Link, clock: Clock) -> None:

@@ -66,10 +66,6 @@ class TakeOff:
     """One take-off.
 
     Args:
-        link: to the autopilot.
-        clock: what time it is.
-        modes: modes, arming and the autopilot's own take-off.
-        offboard: setpoints.
         settings: the whole configuration; the climb by our own setpoints is the height law (6).
         measured_m: the measured height above ground, None while it is not known.
         risen_m: how far the autopilot's own estimate has risen since it was armed, None when it is not known.

@@ -52,8 +52,6 @@ class Telemetry:
     answers are about another clock than ``time_boot_ms`` the least delay of the messages is used (`ClockAlignment`).
 
     Args:
-        link: to the autopilot.
-        clock: ours.
         settings: the rates to ask for, and how far a position may be from where the last one leads.
 
     Attributes:

@@ -34,12 +34,6 @@ _log = logging.getLogger(__name__)
 class Vehicle:
     """One vehicle on a link, as an async context manager: leaving the block leaves it holding or landing.
 
-    Args:
-        link: to the autopilot.
-        telemetry: what the autopilot says of itself.
-        settings: the whole configuration.
-        clock: what time it is.
-
     Raises:
         FlightError: by every manoeuvre, when the autopilot refuses, with its own texts.
         TakenOver: by every manoeuvre, when somebody else has the vehicle.

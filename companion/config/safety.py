@@ -12,6 +12,7 @@ from companion.config.autopilot import LinkUrl
 from companion.config.control import ControlSettings
 from companion.config.reactions import Level, ReactionsSettings
 from companion.config.section import Section, refuse
+from companion.gate.plan import Limits
 from companion.mavlink.link_url import LINK_FORMS
 
 ABOVE_CONTROL: dict[Level, float] = {"normal": 1.1, "cautious": 1.05}
@@ -260,21 +261,15 @@ class SafetySettings(Section):
     )
     reactions: ReactionsSettings = Field(ReactionsSettings(), description="the answer to each fault")
 
-    def speed_limit_mps(self, control: ControlSettings) -> float:
-        """Largest speed that the gate lets pass."""
-        return _or(self.limits.speed_mps, ABOVE_CONTROL[self.level] * control.speed_mps)
-
-    def climb_limit_mps(self, control: ControlSettings) -> float:
-        """Largest climb rate that it lets pass."""
-        return _or(self.limits.climb_mps, ABOVE_CONTROL[self.level] * control.max_climb_mps)
-
-    def yaw_rate_limit_radps(self, control: ControlSettings) -> float:
-        """Largest yaw rate that it lets pass."""
-        return _or(self.limits.yaw_rate_radps, ABOVE_CONTROL[self.level] * control.max_yaw_rate_radps)
-
-    def accel_limit_mps2(self, control: ControlSettings) -> float:
-        """Fastest growth of the velocity that it lets pass."""
-        return _or(self.limits.accel_mps2, ACCEL_ABOVE_CONTROL[self.level] * control.max_accel_mps2)
+    def effective_limits(self, control: ControlSettings) -> Limits:
+        """What the gate lets pass: as given, or what is above the law's own."""
+        given, above = self.limits, ABOVE_CONTROL[self.level]
+        return Limits(
+            speed_mps=_or(given.speed_mps, above * control.speed_mps),
+            climb_mps=_or(given.climb_mps, above * control.max_climb_mps),
+            yaw_rate_radps=_or(given.yaw_rate_radps, above * control.max_yaw_rate_radps),
+            accel_mps2=_or(given.accel_mps2, ACCEL_ABOVE_CONTROL[self.level] * control.max_accel_mps2),
+        )
 
     def setpoint_late_s(self, control: ControlSettings) -> float:
         """From when on a setpoint is late."""

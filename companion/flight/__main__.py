@@ -44,8 +44,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     try:
         gate = GateSocket.from_environment()
-        if gate is None:
-            raise InputError("there is no gate, and without it nothing flies: start with `companion run`")
     except InputError as error:
         typer.echo(str(error), err=True)
         return error.exit_code

@@ -23,7 +23,6 @@ class Rate:
     """A fixed rate without catching up: gives one time a period. A tick that came too late is counted and not repeated.
 
     Args:
-        clock: what time it is.
         period_s: the sampling period.
     """
 

@@ -45,8 +45,6 @@ class GateClient:
     """Beats, and notices.
 
     Args:
-        socket: to the gate.
-        clock: what time it is.
         events: where its notices go.
         flight: knows the phase of the flight, which every beat says.
 

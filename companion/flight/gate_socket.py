@@ -48,15 +48,15 @@ class GateSocket:
         self._reader.start()
 
     @classmethod
-    def from_environment(cls) -> GateSocket | None:
-        """What the gate gave its child; None when it was not the gate that started this process.
+    def from_environment(cls) -> GateSocket:
+        """What the gate gave its child.
 
         Raises:
-            InputError: the environment names no socket.
+            InputError: it was not the gate that started this process, or the environment names no socket.
         """
         number = os.environ.get(GATE_FD)
         if number is None:
-            return None
+            raise InputError("there is no gate, and without it nothing flies: start with `companion run`")
         try:
             end = socket.socket(fileno=int(number))
             # Held by a process of ours that outlives us, it would hide from the gate that we are gone.

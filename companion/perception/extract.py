@@ -104,14 +104,12 @@ class Extractor:
         )
 
     def _missing(self, pose: Pose, t_s: float, h_m: float | None, looks: Sequence[Look]) -> tuple[Input, ...]:
-        missing = []
-        if not looks:
-            missing.append(Input.DEPTH)
-        if h_m is None:
-            missing.append(Input.HEIGHT)
-        if not 0.0 <= t_s - pose.t_s <= POSE_STALE_S or not pose.is_finite:
-            missing.append(Input.POSE)
-        return tuple(missing)
+        lacks = {
+            Input.DEPTH: not looks,
+            Input.HEIGHT: h_m is None,
+            Input.POSE: not 0.0 <= t_s - pose.t_s <= POSE_STALE_S or not pose.is_finite,
+        }
+        return tuple(which for which, lacking in lacks.items() if lacking)
 
     def _remember(self, look: Look) -> None:
         hits = (look.state == HIT) & (look.ranges_m <= self._settings.scan.memory_look_m)

@@ -105,11 +105,7 @@ class Recording:
                     record = next(records, None)
                     if isinstance(record, Channel):
                         channels[record.id] = record.topic
-                    entry = (
-                        Entry(channels[record.channel_id], record.log_time, record.data)
-                        if isinstance(record, Message)
-                        else None
-                    )
+                    topic = channels[record.channel_id] if isinstance(record, Message) else ""
                 except DamageError as error:
                     self.damage = str(error)
                     return
@@ -118,8 +114,8 @@ class Recording:
                     return
                 if record is None:
                     return
-                if entry is not None:
-                    yield entry
+                if isinstance(record, Message):
+                    yield Entry(topic, record.log_time, record.data)
 
     def observations(self) -> Iterator[tuple[dict[str, Any], Observation | None]]:
         """Each tick as recorded, with the observation that it had.

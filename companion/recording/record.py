@@ -53,7 +53,6 @@ class Recorder:
         path: the file, which must not exist yet; its folder is made.
         settings: whether, what, and how much.
         info: what has to be known of the flight.
-        clock: the application's clock.
     """
 
     def __init__(self, path: Path, settings: RecordSettings, info: FlightInfo, clock: Clock) -> None:

@@ -121,7 +121,6 @@ class Writing:
     Args:
         file: where it goes.
         info: stands at its beginning.
-        clock: the application's clock.
     """
 
     def __init__(self, file: RecordingFile, info: FlightInfo, clock: Clock) -> None:

@@ -8,7 +8,7 @@ from companion.autopilot.message_rates import ESTIMATOR_HZ
 from companion.config.settings import Settings
 from companion.errors import InputError
 from companion.gate.faults import Stage
-from companion.gate.plan import Attached, Geofence, Limits, Plan, Reaction, Signing, Stopping, Thresholds
+from companion.gate.plan import Attached, Geofence, Plan, Reaction, Signing, Stopping, Thresholds
 from companion.safety_case.stopping_budget import Basis, BudgetLine, Law, stopping_budget
 
 _STAGES = {"tell": Stage.PASS, "brake": Stage.BRAKE, "hold": Stage.HOLD, "land": Stage.LAND}
@@ -32,12 +32,7 @@ def to_plan(
         system_id=settings.autopilot.system_id,
         period_s=control.period_s,
         silence_s=settings.autopilot.silence_s,
-        limits=Limits(
-            speed_mps=safety.speed_limit_mps(control),
-            climb_mps=safety.climb_limit_mps(control),
-            yaw_rate_radps=safety.yaw_rate_limit_radps(control),
-            accel_mps2=safety.accel_limit_mps2(control),
-        ),
+        limits=safety.effective_limits(control),
         fence=Geofence(
             north_m=fence.north_m,
             east_m=fence.east_m,
@@ -107,7 +102,7 @@ def refuse_if_reachable(settings: Settings) -> None:
     reaching = [line for line in stopping_lines(settings) if line.reaches_wall]
     if not reaching:
         return
-    control, speed_mps = settings.control, settings.safety.speed_limit_mps(settings.control)
+    control, speed_mps = settings.control, settings.safety.effective_limits(settings.control).speed_mps
     values = settings.model_dump()
     said = ["a wall can be reached:", *(_said(line, settings.vehicle.body_radius_m, values) for line in reaching)]
     said.append(

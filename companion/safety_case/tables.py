@@ -36,7 +36,7 @@ _WATCHED: dict[Fault, tuple[str, str]] = {
 def render_budget(lines: Sequence[BudgetLine], settings: Settings) -> str:
     """The stopping budget as plain text of at most `text_table.WIDTH` columns."""
     control, body_m = settings.control, settings.vehicle.body_radius_m
-    speed_mps = settings.safety.speed_limit_mps(control)
+    speed_mps = settings.safety.effective_limits(control).speed_mps
     rows = [_budget_row(line, settings) for line in lines]
     header = ("fault", "speed", "detection", "reaction", "autopilot", "brake", "from", "distance", "stands at", "left")
     units = ("", "m/s", "s", "s", "s", "m/s²", "m", "m", "m", "m")

@@ -62,10 +62,6 @@ class Synchronizer:
     An image may arrive before the pose sample that follows its exposure: it waits for that, so that a frame taken in a
     turn is placed where it was taken. An image or a reading that is frozen while the vehicle moves is left out and
     counted in the statistics of the sink: its stream becomes stale, and the vehicle stops.
-
-    Args:
-        sink: the readings of the sensors.
-        poses: the poses of the last seconds.
     """
 
     def __init__(self, sink: SensorSink, poses: PoseBuffer) -> None:

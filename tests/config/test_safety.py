@@ -85,14 +85,14 @@ class TestLevel:
 
     def test_what_is_left_out_follows_the_law(self) -> None:
         control = Settings().control
-        assert safety().speed_limit_mps(control) == pytest.approx(1.1 * control.speed_mps)
-        assert safety(level="cautious").speed_limit_mps(control) == pytest.approx(1.05 * control.speed_mps)
+        assert safety().effective_limits(control).speed_mps == pytest.approx(1.1 * control.speed_mps)
+        assert safety(level="cautious").effective_limits(control).speed_mps == pytest.approx(1.05 * control.speed_mps)
         assert safety().beat_late_s(control) == pytest.approx(0.12)
         assert safety(stale={"beat_s": 0.3}).beat_late_s(control) == 0.3
         slow = control.model_copy(update={"period_s": 0.1})
         assert safety().setpoint_late_s(slow) == pytest.approx(0.24)
-        assert safety(limits={"climb_mps": 1.5}).climb_limit_mps(control) == 1.5
-        assert safety().yaw_rate_limit_radps(control) == pytest.approx(1.1 * control.max_yaw_rate_radps)
+        assert safety(limits={"climb_mps": 1.5}).effective_limits(control).climb_mps == 1.5
+        assert safety().effective_limits(control).yaw_rate_radps == pytest.approx(1.1 * control.max_yaw_rate_radps)
 
     @pytest.mark.parametrize("preset", preset_names())
     def test_every_preset_can_be_cautious_and_is_shown_so_that_it_loads_again(

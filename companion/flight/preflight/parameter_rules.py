@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 from companion.autopilot.interface import Link, LinkError
 from companion.config.settings import Settings
@@ -168,11 +169,7 @@ def _px4(settings: Settings) -> tuple[Rule, ...]:
 
 
 def _px4_without_gps() -> tuple[Rule, ...]:
-    why = "Without GPS PX4 flew by external odometry with this value."
-
-    def rule(demand: Demand, required: bool = False, reboot: bool = True) -> Rule:
-        return Rule(((demand,),), why, required, reboot)
-
+    rule = partial(_without_gps, "PX4", reboot=True)
     return (
         rule(_exactly("SYS_HAS_GPS", 0)),
         rule(_exactly("SYS_HAS_MAG", 0)),
@@ -237,19 +234,20 @@ def _ardupilot(settings: Settings) -> tuple[Rule, ...]:
 
 
 def _ardupilot_without_gps() -> tuple[Rule, ...]:
-    why = "Without GPS ArduPilot flew by external odometry with this value."
-
-    def rule(name: str, value: int, required: bool = False, reboot: bool = False) -> Rule:
-        return Rule(((_exactly(name, value),),), why, required, reboot)
-
+    rule = partial(_without_gps, "ArduPilot")
     sources = ("EK3_SRC1_POSXY", "EK3_SRC1_VELXY", "EK3_SRC1_POSZ", "EK3_SRC1_VELZ", "EK3_SRC1_YAW")
     return (
-        rule("GPS1_TYPE", 0, reboot=True),
-        rule("VISO_TYPE", 1, required=True, reboot=True),
-        *(rule(name, 6, required=True) for name in sources),
-        rule("COMPASS_ENABLE", 0, reboot=True),
-        *(rule(name, 0) for name in ("COMPASS_USE", "COMPASS_USE2", "COMPASS_USE3")),
+        rule(_exactly("GPS1_TYPE", 0), reboot=True),
+        rule(_exactly("VISO_TYPE", 1), required=True, reboot=True),
+        *(rule(_exactly(name, 6), required=True) for name in sources),
+        rule(_exactly("COMPASS_ENABLE", 0), reboot=True),
+        *(rule(_exactly(name, 0)) for name in ("COMPASS_USE", "COMPASS_USE2", "COMPASS_USE3")),
     )
+
+
+def _without_gps(autopilot: str, demand: Demand, required: bool = False, reboot: bool = False) -> Rule:
+    why = f"Without GPS {autopilot} flew by external odometry with this value."
+    return Rule(((demand,),), why, required, reboot)
 
 
 async def check_rule(link: Link, rule: Rule, fix: bool) -> CheckResult:

@@ -7,8 +7,7 @@ from typing import Protocol
 
 from companion.errors import InputError
 from companion.gate.runtime.framing import Accept, FrameReader
-from companion.gate.runtime.serial import SerialPort
-from companion.gate.runtime.tcp import StreamTransport, TcpIn, TcpOut
+from companion.gate.runtime.streams import SerialPort, StreamTransport, TcpIn, TcpOut
 from companion.gate.runtime.udp import UdpIn, UdpOut
 from companion.mavlink.codec import Frame
 from companion.mavlink.link_url import NetworkLink, SerialLink, parse_link

@@ -73,8 +73,6 @@ class MavlinkDriver:
     """Ranges in MAVLink messages, from the autopilot or any other component of our vehicle.
 
     Args:
-        link: to the autopilot.
-        clock: the application's clock.
         rates_hz: wanted rate of each message that is to be taken, by its name.
     """
 

@@ -46,7 +46,6 @@ class StreamDriver:
 
     Args:
         url: `tcp://host:port` or `unix:///path`.
-        clock: the application's clock.
 
     Raises:
         InputError: the URL is none of these.
