@@ -63,17 +63,13 @@ class _RoundTrips:
         self.offset_s: float | None = None
         self.residual_s: float | None = None
 
-    def clear(self) -> None:
-        self._trips.clear()
-        self.offset_s = self.residual_s = None
-
     def add(self, sent_s: float, remote_s: float, received_s: float) -> None:
         round_trip_s = received_s - sent_s
         offset_s = 0.5 * (sent_s + received_s) - remote_s
         if self.offset_s is not None and self.residual_s is not None:
             contradiction_s = abs(offset_s - self.offset_s) - 0.5 * round_trip_s - self.residual_s
             if contradiction_s > JUMP_S:
-                self.clear()
+                self._trips.clear()
         self._trips.append((received_s, offset_s, round_trip_s))
         while self._trips[0][0] < received_s - ROUND_TRIP_WINDOW_S:
             self._trips.popleft()
@@ -93,12 +89,6 @@ class _OneWay:
         self.offset_s: float | None = None
         self.residual_s: float | None = None
 
-    def clear(self) -> None:
-        self._least.clear()
-        self._last_remote_s = -math.inf
-        self._contradictions = 0
-        self.offset_s = self.residual_s = None
-
     def add(self, remote_s: float, received_s: float) -> bool:
         """True when the other clock has been set anew and the alignment begins again."""
         delay_s = received_s - remote_s
@@ -110,7 +100,8 @@ class _OneWay:
             self._contradictions += 1
             if self._contradictions < JUMP_COUNT:
                 return False
-            self.clear()
+            self._least.clear()
+            self._last_remote_s = -math.inf
             jumped = True
         self._contradictions = 0
         self._last_remote_s = max(self._last_remote_s, remote_s)
@@ -154,7 +145,7 @@ class ClockAlignment:
             self.refused += 1
             return
         if self._one_way.add(remote_s, received_s):
-            self._round_trips.clear()
+            self._round_trips = _RoundTrips()
             self.restarts += 1
 
     def _believed(self) -> _RoundTrips | _OneWay:

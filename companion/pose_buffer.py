@@ -100,10 +100,6 @@ class _Track(Generic[Sample]):
             return None
         return earlier.towards(later, (t_s - earlier.t_s) / gap_s)
 
-    def nearest(self, t_s: float) -> Sample | None:
-        """The sample whose time is nearest."""
-        return min(self.samples, key=lambda sample: abs(sample.t_s - t_s), default=None)
-
 
 class PoseBuffer:
     """Attitudes and positions of the last seconds, and the pose at any time between them.
@@ -148,7 +144,7 @@ class PoseBuffer:
         position = self._positions.samples[-1]
         attitude = self._attitudes.at(position.t_s)
         if attitude is None:
-            attitude = self._attitudes.nearest(position.t_s)
+            attitude = min(self._attitudes.samples, key=lambda one: abs(one.t_s - position.t_s), default=None)
             if attitude is None or abs(attitude.t_s - position.t_s) > NEAREST_ATTITUDE_S:
                 return None
         return _pose(position.t_s, attitude, position)

@@ -15,6 +15,7 @@ true state is sent beside it by the status reporter.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import functools
 import json
 import logging
@@ -245,11 +246,9 @@ class MavsdkLink:
         self._inbox.put(Message(raw.message_name, fields, received_s, raw.system_id, raw.component_id))
 
     def _call_soon(self, call: Callable[[], None]) -> None:
-        try:
+        # When the loop has been closed under us, nobody is left to tell.
+        with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(call)
-        except RuntimeError:
-            # The loop has been closed under us; nobody is left to tell.
-            return
 
     async def _close(self) -> None:
         """Ends MAVSDK's threads and ours, also when cancelled; waits at most for the call that is running, 3 s."""

@@ -122,7 +122,10 @@ class Telemetry:
 
     def state(self, now_s: float) -> VehicleState:
         """Everything that is known at ``now_s``."""
-        heartbeat = self._newest_heartbeat()
+        if self._heartbeats.newest is not None:
+            # Its event may still be on the way.
+            self._on_heartbeat(self._heartbeats.newest)
+        heartbeat = self._heartbeat
         custom_mode = None if heartbeat is None else integer(heartbeat, "custom_mode")
         flags = 0 if heartbeat is None else integer(heartbeat, "base_mode") or 0
         pose = self.poses.newest()
@@ -138,12 +141,6 @@ class Telemetry:
             position_valid=estimator is not None and vehicle_state.position_valid(self._link.kind, estimator),
             version=None if self._version.newest is None else vehicle_state.version(self._version.newest),
         )
-
-    def _newest_heartbeat(self) -> Message | None:
-        """The newest that can be read, even when its event is still on the way."""
-        if self._heartbeats.newest is not None:
-            self._on_heartbeat(self._heartbeats.newest)
-        return self._heartbeat
 
     def _battery_percent(self, now_s: float) -> float | None:
         for stream in (self._system, self._battery):

@@ -47,12 +47,11 @@ class Fleet:
 
     def group(self, t_s: float) -> frozenset[int]:
         """The vehicles connected with this one by chains of distances below d_r, silent members included."""
-        positions = dict(self._reports)
-        near = connected(positions, self._own_id, self._group_range_m)
+        near = connected(self._reports, self._own_id, self._group_range_m)
         silent = {
             vehicle_id
             for vehicle_id in self._group
-            if vehicle_id in positions and t_s - positions[vehicle_id].t_s > self._stale_after_s
+            if vehicle_id in self._reports and t_s - self._reports[vehicle_id].t_s > self._stale_after_s
         }
         self._group = near | silent
         return self._group

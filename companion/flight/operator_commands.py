@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
 import signal
 import sys
 import termios
@@ -45,12 +46,8 @@ class OperatorCommands:
 
     def listen(self, link: Link) -> None:
         """Obey a ground station's commands to this component."""
-
-        def on_message(message: Message) -> None:
-            self._on_command(link, message)
-
-        link.events("COMMAND_LONG", on_message, anyone=True)
-        link.events("COMMAND_INT", on_message, anyone=True)
+        for name in ("COMMAND_LONG", "COMMAND_INT"):
+            link.events(name, functools.partial(self._on_command, link), anyone=True)
 
     @contextlib.contextmanager
     def signals(self) -> Iterator[None]:

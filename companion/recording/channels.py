@@ -116,7 +116,7 @@ class Channels:
         self._calibration = CameraCalibrationChannel(Topic.CALIBRATION, context=context)
         self._log = LogChannel(Topic.LOG, context=context)
 
-    def tick(self, tick: Tick, count: int, ages_s: dict[str, float], with_frame: bool) -> None:
+    def tick(self, tick: Tick, count: int, with_frame: bool) -> None:
         """One sampling period, the ``count``-th; its depth image comes first, so that no cut parts the two."""
         (observation, measurement), setpoint = tick.known(), tick.setpoint
         t_ns = self._ns(observation.t_s, self._wall_ns)
@@ -136,7 +136,10 @@ class Channels:
                 # As text when it is no number: free ("inf") and not known ("nan") are two things.
                 "ahead_m": number(measurement.ahead_m),
                 "missing": list(measurement.missing),
-                **{name: finite(age_s) for name, age_s in ages_s.items()},
+                # When the tick was done, which is when its setpoint went out.
+                "depth_age_s": finite(measurement.scan_age_s + tick.duration_s),
+                "ranges_age_s": finite(measurement.ranges_age_s + tick.duration_s),
+                "pose_age_s": finite(observation.t_s + tick.duration_s - observation.pose.t_s),
                 "duration_s": finite(tick.duration_s),
             },
             log_time=t_ns,

@@ -147,7 +147,7 @@ class Writing:
             before = "the start" if self._mode is None else self._mode.value
             self.channels.event("mode", f"{before} -> {tick.mode.value}", logging.INFO, observation.t_s)
             self._mode = tick.mode
-        self.channels.tick(tick, number, _ages_s(tick), with_frame)
+        self.channels.tick(tick, number, with_frame)
         if measurement.scan is not None and observation.t_s >= self._next_scan_s:
             self._next_scan_s = observation.t_s + SCAN_S
             self.channels.scan(measurement.scan, observation.t_s)
@@ -182,16 +182,6 @@ class Writing:
         self.channels.close()
         self._mcap.close()
         self._file.sync()
-
-
-def _ages_s(tick: Tick) -> dict[str, float]:
-    """How old the inputs were when the tick was done, which is when its setpoint went out."""
-    observation, measurement = tick.known()
-    return {
-        "depth_age_s": measurement.scan_age_s + tick.duration_s,
-        "ranges_age_s": measurement.ranges_age_s + tick.duration_s,
-        "pose_age_s": observation.t_s + tick.duration_s - observation.pose.t_s,
-    }
 
 
 def _metadata(info: FlightInfo, wall_ns: int, start_s: float) -> dict[str, str]:

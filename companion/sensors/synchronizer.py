@@ -45,10 +45,8 @@ class _Waiting(Generic[Raw]):
         while self._queue and now_s - self._queue[0].t_s > POSE_WAIT_S:
             self._queue.popleft()
             self.dropped += 1
-        for i in range(len(self._queue) - 1, -1, -1):
-            pose = poses.at(self._queue[i].t_s)
-            if pose is not None:
-                raw = self._queue[i]
+        for i, raw in reversed(list(enumerate(self._queue))):
+            if (pose := poses.at(raw.t_s)) is not None:
                 for _ in range(i + 1):
                     self._queue.popleft()
                 self.dropped += i

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import shutil
 import tempfile
@@ -76,7 +77,8 @@ async def run_checks(
     _refuse_unknown(skip, settings)
     now_s = (clock or MonotonicClock()).now_s()
     if not settings.autopilot.gps and "estimator" not in skip:
-        _tell_origin(link, now_s)
+        with contextlib.suppress(LinkError):  # the check of the link says it better
+            send_origin(link, now_s)
     state = telemetry.state(now_s)
     results = [
         *_connection(link, telemetry, state, settings, now_s),
@@ -106,14 +108,6 @@ def _refuse_unknown(skip: Collection[str], settings: Settings) -> None:
 
 def _skipped(name: str) -> CheckResult:
     return CheckResult(name, False, "skipped", "", "", skipped=True)
-
-
-def _tell_origin(link: Link, now_s: float) -> None:
-    try:
-        send_origin(link, now_s)
-    except LinkError:
-        # The check of the link says it better.
-        return
 
 
 def _connection(
