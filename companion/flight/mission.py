@@ -20,7 +20,6 @@ from companion.config.settings import Settings
 from companion.config.show import dump_yaml
 from companion.errors import InputError
 from companion.flight.airborne import Airborne
-from companion.flight.control_loop import ControlLoop, Rate
 from companion.flight.events import Event, EventEmitter, console, recording, status_text
 from companion.flight.gate_client import GateClient
 from companion.flight.gate_socket import GateSocket
@@ -143,19 +142,9 @@ class _Flight:
             self._record(results)
             results = await self._wait_for_start(results)
             vehicle = Vehicle(session.link, session.telemetry, settings, session.clock)
-            control_loop = ControlLoop(
-                session.inputs,
-                explorer,
-                Rate(session.clock, settings.control.period_s),
-                session.flight,
-                vehicle.send,
-                (
-                    recorder.tick,
-                    map_feed(mapper),
-                    TickReporter(events, self._status_reporter, session.telemetry, mapper, session.flight),
-                ),
-                self._gate.ticked,
-            )
+            reporter = TickReporter(events, self._status_reporter, session.telemetry, mapper, session.flight)
+            watchers = (recorder.tick, map_feed(mapper), reporter)
+            control_loop = session.control_loop(explorer, vehicle.send, watchers)
             airborne = Airborne(session, self._operator, vehicle, control_loop, mapper, events)
             broke_off: Exception | None = None
             try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
@@ -13,9 +13,12 @@ from companion.autopilot.telemetry import Telemetry
 from companion.clock import Clock
 from companion.config.settings import Settings
 from companion.errors import InputError
+from companion.flight.control_loop import ControlLoop, Rate, Watcher
 from companion.flight.gate_client import GateClient
 from companion.flight.phase import PhaseMachine
 from companion.flight.tasks import background
+from companion.model import Setpoint
+from companion.pipeline import Explorer
 from companion.sensors.drivers.driver import DriverContext, SensorDriver, load_drivers
 from companion.sensors.sink import SensorSink
 from companion.sensors.synchronizer import Synchronizer
@@ -38,6 +41,13 @@ class Session:
     inputs: Synchronizer
     gate: GateClient
     flight: PhaseMachine
+
+    def control_loop(
+        self, explorer: Explorer, send: Callable[[Setpoint], bool] | None = None, watchers: tuple[Watcher, ...] = ()
+    ) -> ControlLoop:
+        """The loop over these inputs, which tells the gate of every tick; see `ControlLoop`."""
+        rate = Rate(self.clock, self.settings.control.period_s)
+        return ControlLoop(self.inputs, explorer, rate, self.flight, send, watchers, self.gate.ticked)
 
 
 @asynccontextmanager

@@ -1,4 +1,4 @@
-"""The autopilot's parameters that decide what happens when we fall silent, and those that could hurt underground."""
+"""Rules and check of the autopilot's parameters: what happens when we fall silent, and what could hurt underground."""
 
 from __future__ import annotations
 

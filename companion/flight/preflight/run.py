@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from companion.errors import CompanionError
-from companion.flight.control_loop import ControlLoop, Rate
 from companion.flight.events import Event, EventEmitter
 from companion.flight.preflight import CheckResult, refusal, render, run_checks
 from companion.flight.request import FlightRequest
@@ -38,14 +37,7 @@ async def passed(session: Session, request: FlightRequest, events: EventEmitter)
 async def checked(session: Session, request: FlightRequest, events: EventEmitter) -> list[CheckResult]:
     """Wait until the autopilot knows its position, listen for a while, and look at everything."""
     settings, clock = session.settings, session.clock
-    control_loop = ControlLoop(
-        session.inputs,
-        Explorer(settings, np.random.default_rng(0)),
-        Rate(clock, settings.control.period_s),
-        session.flight,
-        send=None,
-        ticked=session.gate.ticked,
-    )
+    control_loop = session.control_loop(Explorer(settings, np.random.default_rng(0)))
     async with background(control_loop.run()):
         await _until_position(session, events)
         await clock.sleep(SETTLE_S)
