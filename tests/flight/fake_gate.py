@@ -38,7 +38,7 @@ class FakeGate:
         self._ours.setblocking(False)
         self.link = GateSocket(self._its)
         self._read = threading.Event()
-        self.link.open(lambda _: self._read.set())
+        self.link.open(lambda frames: self._read.set() if frames == MARK else None)
 
     def __enter__(self) -> FakeGate:
         return self
