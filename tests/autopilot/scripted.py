@@ -8,7 +8,8 @@ from typing import Any
 from companion.autopilot.interface import LinkError
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.modes import px4_mode
-from tests.autopilot.fake_link import FakeLink, HandClock
+from tests.autopilot.fake_link import FakeLink
+from tests.shared.clocks import HandClock
 
 PX4_TAKEOFF, PX4_HOLD, PX4_LAND, PX4_OFFBOARD = px4_mode(4, 2), px4_mode(4, 3), px4_mode(4, 6), px4_mode(6)
 PX4_POSITION = px4_mode(3)

@@ -9,8 +9,8 @@ from companion.autopilot.vehicle import Vehicle
 from companion.config.settings import Settings
 from companion.mavlink.firmware import AutopilotKind
 from companion.model import Setpoint
-from tests.autopilot.fake_link import HandClock
 from tests.autopilot.scripted import ScriptedAutopilot, ScriptedLink
+from tests.shared.clocks import HandClock
 
 PX4, ARDUPILOT = AutopilotKind.PX4, AutopilotKind.ARDUPILOT
 KINDS = (PX4, ARDUPILOT)

@@ -15,7 +15,8 @@ from companion.autopilot.telemetry import TEXTS, Telemetry
 from companion.config.settings import Settings
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavCmd
-from tests.autopilot.fake_link import FakeLink, HandClock
+from tests.autopilot.fake_link import FakeLink
+from tests.shared.clocks import HandClock
 
 BOOTED_S = 900.0
 """When the autopilot was switched on, on our clock."""

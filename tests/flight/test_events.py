@@ -16,8 +16,9 @@ from companion.flight.events import Event, EventEmitter, Texts, console, recordi
 from companion.flight.termination import Termination
 from companion.recording import Recorder
 from companion.recording.content import ENDED, ENGAGED
-from tests.autopilot.fake_link import FakeLink, HandClock
+from tests.autopilot.fake_link import FakeLink
 from tests.flight.test_reporting import Notes
+from tests.shared.clocks import HandClock
 
 FLIGHT = Path(companion.flight.__file__).parent
 

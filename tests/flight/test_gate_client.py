@@ -18,10 +18,10 @@ from companion.gate.faults import Fault, Stage
 from companion.gate.protocol import Notice, Phase
 from companion.model import Pose
 from companion.recording import Recorder
-from tests.autopilot.fake_link import HandClock
 from tests.control.stages import beside
 from tests.flight.fake_gate import FakeGate
 from tests.flight.test_reporting import Notes
+from tests.shared.clocks import HandClock
 
 POSE = Pose(99.98, 0.0, 0.0, 1.5, 0.0)
 

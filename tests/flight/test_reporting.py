@@ -20,9 +20,10 @@ from companion.mapping.process.messages import MapStatus
 from companion.model import DepthFrame, Input, Mode, Observation, PlanarScan, Pose, Setpoint
 from companion.pipeline import Tick
 from companion.recording import Recorder
-from tests.autopilot.fake_link import FakeLink, HandClock
+from tests.autopilot.fake_link import FakeLink
 from tests.control.stages import beside
 from tests.flight.test_control_loop import CAMERA
+from tests.shared.clocks import HandClock
 
 STATUS = MapStatus(
     frames=5,

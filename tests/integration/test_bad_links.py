@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.integration.rig import HEIGHT_M, Stage, aboard, both, fly_all, until
+from tests.integration.rig import HEIGHT_M, Stage, aboard, both, fly_all
 from tests.integration.witness import apart_m, speed_mps
+from tests.shared.beside import until
 
 LOST_SHARE = 0.05
 DEAD_S = 10.0
@@ -71,7 +72,7 @@ async def _fly_through_an_outage(ours: Stage) -> None:
 
         relay.dead = False
         back_s = time.monotonic()
-        await until("poses again", lambda: flight.telemetry.state(flight.clock.now_s()).pose_age_s < 0.2, 3.0)
+        await until(lambda: flight.telemetry.state(flight.clock.now_s()).pose_age_s < 0.2, "poses again", 3.0)
         sent = await flight.stream(3.0, 0.5)
         if personality == "px4":
             assert vehicle.taken_over == "hold"

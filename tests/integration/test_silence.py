@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from sitl.autopilot.mavlink import dialect as m
-from tests.integration.rig import HEIGHT_M, Aboard, Stage, aboard, both, fly_all, until
+from tests.integration.rig import HEIGHT_M, Aboard, Stage, aboard, both, fly_all
 from tests.integration.witness import Witness, apart_m, speed_mps
+from tests.shared.beside import until
 
 SPEED_MPS = 0.5
 
@@ -72,6 +73,6 @@ async def _after_px4s_failsafe(witness: Witness, flight: Aboard) -> None:
         witness.send(somebodys)
         return witness.mode == "offboard"
 
-    await until("offboard by itself", back_in_offboard, 2.0)
+    await until(back_in_offboard, "offboard by itself", 2.0)
     assert vehicle.taken_over, "that does not make it ours again"
     assert await flight.stream(0.2) == 0

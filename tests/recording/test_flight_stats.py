@@ -13,7 +13,8 @@ from companion.model import Mode
 from companion.recording import Recorder
 from companion.recording.content import ENDED, ENGAGED
 from companion.recording.flight_stats import Figures, figures, render, show_figures
-from tests.recording.flights import HandClock, make_info, make_tick
+from tests.recording.flights import make_info, make_tick
+from tests.shared.clocks import HandClock
 
 PAUSE_S = 0.4
 
@@ -23,10 +24,10 @@ def record(file: Path, *, end: bool = True, engage: bool = True) -> None:
 
     In control d is 0.8 m (d_s - 0.2 m) for 2 s, and the mode changes twice.
     """
-    clock = HandClock()
+    clock = HandClock(0.0)
     with Recorder(file, RecordSettings(), make_info(), clock) as recorder:
         for n in range(240):
-            t_s = clock.t_s = n / 20.0
+            t_s = clock.time_s = n / 20.0
             if engage and n == 20:
                 recorder.event(ENGAGED, "exploring")
             if end and n == 220:
@@ -81,7 +82,7 @@ def test_figures_of_a_known_flight(found: Figures) -> None:
 
 def test_a_loop_that_hangs_until_the_end_shows(tmp_path: Path) -> None:
     """A gap without a setpoint after it is a gap: here the last 3 s of control."""
-    clock = HandClock()
+    clock = HandClock(0.0)
     with Recorder(tmp_path / "f.mcap", RecordSettings(), make_info(), clock) as recorder:
         recorder.event(ENGAGED, "exploring")
         for n in range(40):

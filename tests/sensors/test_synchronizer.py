@@ -13,7 +13,7 @@ from companion.model import Beam, RangeReading
 from companion.pose_buffer import PoseBuffer
 from companion.sensors.sink import DEPTH, FROZEN, RawDepth, RawPlanar, SensorSink
 from companion.sensors.synchronizer import POSE_WAIT_S, Synchronizer
-from tests.autopilot.fake_link import HandClock
+from tests.shared.clocks import HandClock
 
 CAMERA = replace(CameraSettings().model(), width_px=4, height_px=3)
 YAW_RATE_RADPS = 0.6

@@ -15,7 +15,8 @@ from companion.errors import InputError
 from companion.flight.preflight import CheckResult, check_names, refusal, render, run_checks
 from companion.mavlink.firmware import AutopilotKind
 from sitl.launch.settings import OF_PERSONALITY
-from tests.autopilot.fake_link import FakeLink, HandClock
+from tests.autopilot.fake_link import FakeLink
+from tests.shared.clocks import HandClock
 
 PX4, ARDUPILOT = AutopilotKind.PX4, AutopilotKind.ARDUPILOT
 

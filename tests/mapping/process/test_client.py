@@ -24,8 +24,9 @@ from companion.mapping.process import server, supervisor
 from companion.mapping.process.client import MapError
 from companion.mapping.process.journaled_map import JournaledMap
 from companion.mapping.process.messages import OfferedFrame
-from tests.mapping.process.workers import CAMERA, child_of, give, gone, images, mapper, until
+from tests.mapping.process.workers import CAMERA, child_of, give, gone, images, mapper
 from tests.mapping.voxels import scenes
+from tests.shared.beside import until, wait_until
 
 
 async def test_the_map_of_the_process_is_the_map(tmp_path: Path) -> None:
@@ -228,10 +229,7 @@ def test_the_map_ends_with_a_killed_application(tmp_path: Path) -> None:
         assert application.stderr is not None
         pid = int(application.stdout.readline())
         application.kill()
-        end_s = time.monotonic() + 20.0
-        while not gone(pid):
-            assert time.monotonic() < end_s, "the map outlived its application"
-            time.sleep(0.05)
+        wait_until(lambda: gone(pid), "the map ends with its application", timeout_s=20.0)
         assert application.stderr.read() == b"", "warnings about what was left"
     ours = {path for path in Path("/dev/shm").iterdir() if path.name.startswith(("pym-", "psm_"))}  # noqa: S108
     assert ours <= before

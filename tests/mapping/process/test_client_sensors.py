@@ -12,8 +12,9 @@ from companion.config.mapping import MapSettings
 from companion.mapping import VoxelMap
 from companion.mapping.process.client import MapClient
 from companion.model import MOST_RAYS, DepthFrame, PlanarScan
-from tests.mapping.process.workers import CAMERA, HIGH_M, LOW_M, child_of, give, images, mapper, until
+from tests.mapping.process.workers import CAMERA, HIGH_M, LOW_M, child_of, give, images, mapper
 from tests.mapping.voxels import scenes
+from tests.shared.beside import until
 
 BACK = scenes.camera(40, 30, mount_yaw_rad=math.pi)
 AT = scenes.pose(0.0, 0.0, 1.5)

@@ -16,8 +16,8 @@ from companion.errors import InputError
 from companion.sensors.drivers import driver
 from companion.sensors.drivers.driver import DriverContext, SensorDriver, load_drivers
 from companion.sensors.sink import SensorSink
-from tests.sensors.clocks import HandClock
 from tests.sensors.drivers.links import FakeLink
+from tests.shared.clocks import HandClock
 
 ENTRIES = (
     EntryPoint("stream", "companion.sensors.drivers.stream:create", driver.GROUP),
@@ -39,7 +39,7 @@ def _offered(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def context(link: Link | None = None) -> DriverContext:
-    return DriverContext(HandClock(), link)
+    return DriverContext(HandClock(100.0), link)
 
 
 def named(*names: str) -> Settings:
@@ -53,7 +53,7 @@ async def test_every_driver_stops_when_it_is_cancelled(name: str) -> None:
     assert isinstance(loaded, SensorDriver)
     assert loaded.name == name
     for _ in range(2):
-        task = asyncio.create_task(loaded.run(SensorSink(HandClock())))
+        task = asyncio.create_task(loaded.run(SensorSink(HandClock(100.0))))
         await asyncio.sleep(0.05)
         assert not task.done(), "a device that is not there is waited for"
         task.cancel()

@@ -19,8 +19,8 @@ from companion.model import Beam, RangeReading
 from companion.sensors.drivers import mavlink
 from companion.sensors.drivers.mavlink import DISTANCE, OBSTACLES, MavlinkDriver, planar_scan
 from companion.sensors.sink import SensorSink, Taken
-from tests.sensors.clocks import HandClock
 from tests.sensors.drivers.links import FakeLink
+from tests.shared.clocks import HandClock
 
 NOW_S = 100.0
 
@@ -49,12 +49,12 @@ class Bench:
 
     def says(self, name: str, fields: dict[str, Any], received_s: float = NOW_S, **sender: int) -> Taken:
         """What is in the sink after that message."""
-        self.clock.now = max(self.clock.now, received_s)
+        self.clock.time_s = max(self.clock.time_s, received_s)
         self.link.arrives(name, fields, received_s, **sender)
         return self.sink.take()
 
     def reasons(self, stream: str) -> set[str]:
-        return set(self.sink.statistics(self.clock.now)[stream].reasons)
+        return set(self.sink.statistics(self.clock.time_s)[stream].reasons)
 
 
 @asynccontextmanager

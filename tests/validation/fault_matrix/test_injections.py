@@ -18,7 +18,7 @@ from sitl.autopilot.codec import Decoder
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
 from tests.integration.relay import pack
-from tests.sensors.clocks import HandClock
+from tests.shared.clocks import HandClock
 from validation.fault_matrix.faults import FAULTS
 from validation.fault_matrix.link_faults import LINK_FAULTS
 from validation.fault_matrix.sensor_faults import SENSOR_FAULTS
@@ -115,7 +115,7 @@ def test_depth_faults_blind_the_application_or_deceive_it(name: str, accepted: i
     sink = SensorSink(clock)
     taken = []
     for k in range(3):
-        clock.now = 100.0 + 0.2 * k
+        clock.time_s = 100.0 + 0.2 * k
         made = change(DepthImage(clock.now_s(), np.full((3, 4), 3.0 + k, np.float32)), CAMERA)
         if made is not None:
             sink.depth(RawDepth(made.t_s, made.depth_m, CAMERA))

@@ -30,7 +30,9 @@ from companion.recording.flight_stats import figures
 from companion.recording.replay import replay
 from companion.sensors.drivers.mavlink import planar_scan
 from companion.sensors.sink import DEPTH, WRONG_CAMERA, RawDepth, SensorSink
-from tests.autopilot.fake_link import FakeLink, HandClock
+from tests.autopilot.fake_link import FakeLink
+from tests.shared.beside import until
+from tests.shared.clocks import HandClock
 from validation.fuzz import datagrams, recordings
 from validation.fuzz.flying import CAMERA, SETTINGS, flying
 
@@ -164,7 +166,7 @@ async def test_mavsdk_prints_nothing_of_what_strangers_say(
             here.autopilot.raw(bytes(heartbeat))
             await asyncio.sleep(0.1)
             here.autopilot.raw(frame)
-            await datagrams.until(lambda: "stranger" in caplog.text)
+            await until(lambda: "stranger" in caplog.text)
     out, err = capfd.readouterr()
     assert "stranger" not in out + err
     assert "log callback" not in out + err

@@ -1,25 +1,26 @@
-"""A very small autopilot on UDP, for tests of the link: heartbeats, attitudes, parameters, commands."""
+"""A small autopilot on loopback, and a link over MAVSDK to it: no gate stands between the two."""
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import struct
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from tests.integration.own_thread import OwnThread
+from companion.autopilot.link import MavsdkLink
+from companion.clock import MonotonicClock
+from companion.config.autopilot import AutopilotSettings
+from sitl.launch.processes import free_udp_ports
+from tests.shared.beside import OwnThread
 
+ARM, LAND = 400, 21
+"""Two commands: what they do plays no part here."""
 FLOAT, INT32 = 9, 6
 FIRMWARE = {"px4": 12, "ardupilot": 3}
-
-
-def free_port() -> int:
-    """A UDP port that nobody uses now."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 class Responder(OwnThread):
@@ -116,3 +117,66 @@ class Responder(OwnThread):
             return value
         as_int: int = struct.unpack("<i", struct.pack("<f", value))[0]
         return as_int
+
+
+class UdpTransport(OwnThread):
+    """Listens on a port of loopback and answers whoever has spoken there. Implements `Transport`.
+
+    Args:
+        port: of 127.0.0.1.
+    """
+
+    def __init__(self, port: int) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.settimeout(0.01)
+        super().__init__("udp transport", self._socket)
+        self._port = port
+        self._peers: set[tuple[str, int]] = set()
+        self._on_frames: Callable[[bytes], None] = _nothing
+
+    def open(self, on_frames: Callable[[bytes], None]) -> None:
+        """See `Transport.open`."""
+        self._socket.bind(("127.0.0.1", self._port))
+        self._on_frames = on_frames
+        self.__enter__()
+
+    def send(self, raw: bytes) -> None:
+        """See `Transport.send`."""
+        for peer in tuple(self._peers):
+            with contextlib.suppress(OSError):
+                self._socket.sendto(raw, peer)
+
+    def close(self) -> None:
+        """See `Transport.close`."""
+        self._on_frames = _nothing
+        self.__exit__(None, None, None)
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            try:
+                data, peer = self._socket.recvfrom(65536)
+            except OSError:
+                continue
+            self._peers.add(peer)
+            self._on_frames(data)
+
+
+def _nothing(_frames: bytes) -> None:
+    """Nobody is there yet, or any more."""
+
+
+def link_on(port: int, timeout_s: float = 20.0, system_id: int = 1) -> MavsdkLink:
+    """A link that listens there, once its block is entered."""
+    settings = AutopilotSettings(
+        url=f"udpin://127.0.0.1:{port}", connect_timeout_s=timeout_s, system_id=system_id, command_timeout_s=2.0
+    )
+    return MavsdkLink(settings, MonotonicClock(), UdpTransport(port))
+
+
+@asynccontextmanager
+async def linked(firmware: str = "px4") -> AsyncIterator[tuple[MavsdkLink, Responder]]:
+    """A link that is connected, and the autopilot at its other end."""
+    (port,) = free_udp_ports(1)
+    with Responder(port, firmware) as autopilot:
+        async with link_on(port) as link:
+            yield link, autopilot
