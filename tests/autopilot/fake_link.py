@@ -53,15 +53,12 @@ class FakeLink:
         return [fields for sent, fields in self.sent if sent == name]
 
     def watch(self, name: str) -> Stream:
-        """See `Link.watch`."""
         return self._inbox.watch(name)
 
     def events(self, name: str, handler: Handler, anyone: bool = False) -> None:
-        """See `Link.events`."""
         self._inbox.events(name, handler, anyone)
 
     def send(self, name: str, fields: Mapping[str, Any]) -> None:
-        """Record the message."""
         if self.gone:
             raise LinkError("the link is gone")
         self.sent.append((name, dict(fields)))
@@ -81,7 +78,6 @@ class FakeLink:
         return result
 
     async def get_param(self, name: str) -> float | int | None:
-        """The scripted value."""
         if self.gone or name in self.silent_params:
             raise LinkError(f"no answer to a question for parameter {name}")
         return self.params.get(name)

@@ -57,7 +57,6 @@ class Responder(OwnThread):
         self.raw(bytes(data))
 
     def raw(self, data: bytes) -> None:
-        """Send bytes as they are."""
         self._socket.sendto(data, self._target)
 
     def named(self, name: str) -> list[Any]:
@@ -65,7 +64,6 @@ class Responder(OwnThread):
         return [message for message in self.received if message.get_type() == name]
 
     def value(self, name: str) -> float:
-        """What a parameter is set to now."""
         return self.params[name][0]
 
     def _run(self) -> None:
@@ -135,19 +133,16 @@ class UdpTransport(OwnThread):
         self._on_frames: Callable[[bytes], None] = _nothing
 
     def open(self, on_frames: Callable[[bytes], None]) -> None:
-        """See `Transport.open`."""
         self._socket.bind(("127.0.0.1", self._port))
         self._on_frames = on_frames
         self.__enter__()
 
     def send(self, raw: bytes) -> None:
-        """See `Transport.send`."""
         for peer in tuple(self._peers):
             with contextlib.suppress(OSError):
                 self._socket.sendto(raw, peer)
 
     def close(self) -> None:
-        """See `Transport.close`."""
         self._on_frames = _nothing
         self.__exit__(None, None, None)
 

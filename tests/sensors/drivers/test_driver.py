@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from importlib.metadata import EntryPoint, EntryPoints
-from typing import cast
 
 import pytest
 
@@ -16,7 +15,7 @@ from companion.errors import InputError
 from companion.sensors.drivers import driver
 from companion.sensors.drivers.driver import DriverContext, SensorDriver, load_drivers
 from companion.sensors.sink import SensorSink
-from tests.sensors.drivers.links import FakeLink
+from tests.autopilot.fake_link import FakeLink
 from tests.shared.clocks import HandClock
 
 ENTRIES = (
@@ -49,7 +48,7 @@ def named(*names: str) -> Settings:
 @pytest.mark.parametrize("name", ["stream", "mavlink"])
 async def test_every_driver_stops_when_it_is_cancelled(name: str) -> None:
     """The contract: found by its name, runs until cancelled, is gone then, and can be run again."""
-    (loaded,) = load_drivers(named(name), context(cast("Link", FakeLink())))
+    (loaded,) = load_drivers(named(name), context(FakeLink(HandClock(100.0))))
     assert isinstance(loaded, SensorDriver)
     assert loaded.name == name
     for _ in range(2):
@@ -65,7 +64,7 @@ async def test_every_driver_stops_when_it_is_cancelled(name: str) -> None:
 
 def test_drivers_come_in_the_order_of_the_settings() -> None:
     """Several at once: depth from a process, ranges from the autopilot."""
-    loaded = load_drivers(named("mavlink", "stream"), context(cast("Link", FakeLink())))
+    loaded = load_drivers(named("mavlink", "stream"), context(FakeLink(HandClock(100.0))))
     assert [found.name for found in loaded] == ["mavlink", "stream"]
 
 
