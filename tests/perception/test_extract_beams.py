@@ -11,18 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.config.sensors import BeamSettings, ScanSettings, SensorSettings
-from companion.model import (
-    CLEAR,
-    HIT,
-    UNKNOWN,
-    Beam,
-    DepthFrame,
-    Input,
-    Measurement,
-    Observation,
-    PlanarScan,
-    Pose,
-)
+from companion.model import CLEAR, HIT, UNKNOWN, Beam, DepthFrame, Input, Measurement, Observation, PlanarScan, Pose
 from companion.perception import Extractor
 from companion.perception.look import bin_bearings
 from tests.perception.observations import (

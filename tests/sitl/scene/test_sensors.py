@@ -19,7 +19,7 @@ from sitl.mines import World
 from sitl.scene.raycast import RayCaster
 from sitl.scene.render import DepthRenderer
 from sitl.scene.sensors import DRIFT_TURNS_M, PoseEstimate, SensorRig
-from tests.sitl.scene.test_raycast import box
+from tests.sitl.scene.test_render import box
 
 TICK_S = 0.05
 CAMERA = CameraSettings(width_px=64, height_px=48)

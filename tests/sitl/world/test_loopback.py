@@ -29,7 +29,7 @@ from sitl.world.placement import Scene
 from sitl.world.server import CONTACT, Plan, WorldServer
 from sitl.world.tasks import TERMINATED
 from tests.shared.beside import until
-from tests.sitl.scene.test_raycast import box
+from tests.sitl.scene.test_render import box
 from tests.sitl.world.messages import Ned, heartbeat, hil
 
 STAND = Pose(0.0, 5.0, 3.0, 0.15, math.pi / 2)
