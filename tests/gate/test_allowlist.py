@@ -12,18 +12,7 @@ from companion.gate.gate import Gate
 from companion.mavlink.codec import Frame
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.modes import personality, px4_mode
-from tests.gate.built import (
-    APPLICATION,
-    GATE,
-    GROUND,
-    SETPOINT,
-    SYSTEM,
-    command,
-    frame,
-    in_the_air,
-    read,
-    texts_of,
-)
+from tests.gate.built import APPLICATION, GATE, GROUND, SETPOINT, SYSTEM, command, frame, in_the_air, read, texts_of
 from tests.gate.gate_scene import JUST_S, NOW_S, PLAN, Scene, flying
 
 

@@ -91,10 +91,7 @@ def test_limits_are_kept_and_may_be_used(new: VelocitySetpoint, before: Velocity
     assert why_not(new, before) == words
 
 
-@pytest.mark.parametrize(
-    ("since_s", "most_mps"),
-    [(0.0, 0.27), (0.0625, 0.27), (0.25, 0.52), (0.5, 1.02), (3.0, 1.02)],
-)
+@pytest.mark.parametrize(("since_s", "most_mps"), [(0.0, 0.27), (0.0625, 0.27), (0.25, 0.52), (0.5, 1.02), (3.0, 1.02)])
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_velocity_grows_no_faster_than_allowed(axis: int, since_s: float, most_mps: float) -> None:
     """Protects against jumps: two that come at once count as a period apart, and a long pause allows no leap."""

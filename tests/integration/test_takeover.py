@@ -22,10 +22,7 @@ OURS, OTHER = 1, 2
 
 @pytest.mark.flight
 @pytest.mark.timeout(100)
-@pytest.mark.parametrize(
-    "personality",
-    ["px4", "ardupilot"],
-)
+@pytest.mark.parametrize("personality", ["px4", "ardupilot"])
 async def test_the_pilot_of_our_vehicle_is_obeyed_at_once_and_the_one_of_another_is_not(
     personality: str, tmp_path: Path
 ) -> None:

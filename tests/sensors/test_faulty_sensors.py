@@ -346,8 +346,7 @@ def test_a_frozen_beam_counts_again_when_it_changes() -> None:
     """A driver that hung and recovered is a driver that works."""
     heal_s = FAULT_AT_S + 4.0
     flight = Flight(
-        climbing,
-        Faults(beam=lambda r: replace(r, range_m=1.7) if r.beam is Beam.DOWN and r.t_s < heal_s else r),
+        climbing, Faults(beam=lambda r: replace(r, range_m=1.7) if r.beam is Beam.DOWN and r.t_s < heal_s else r)
     )
     assert flight.until(heal_s)[-1].h_m is None
     assert flight.until(heal_s + 3 * PERIOD_S)[-1].missing == ()

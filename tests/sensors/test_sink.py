@@ -163,8 +163,7 @@ def test_a_stamp_that_does_not_rise_is_refused(sink: SensorSink, again_s: float)
 
 
 @pytest.mark.parametrize(
-    ("said", "kept"),
-    [(None, None), (math.nan, None), (math.inf, 8.0), (9.5, 9.5), (0.0, 0.0), (np.float64(1.5), 1.5)],
+    ("said", "kept"), [(None, None), (math.nan, None), (math.inf, 8.0), (9.5, 9.5), (0.0, 0.0), (np.float64(1.5), 1.5)]
 )
 def test_missing_is_none_and_infinity_is_free_to_the_limit(
     sink: SensorSink, said: float | None, kept: float | None

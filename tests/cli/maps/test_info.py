@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import pytest
 
 from companion.cli.maps import view as look
-from tests.cli.maps.missions import Run, journal_at, tree
+from tests.cli.maps.conftest import Run, journal_at, tree
 
 
 def test_info_says_what_the_map_holds(run: Run, mission: Path) -> None:

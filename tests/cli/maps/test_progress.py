@@ -18,7 +18,7 @@ from companion.cli import main as cli
 from companion.cli.maps import export as convert
 from companion.cli.maps import progress as progress_module
 from companion.cli.maps.progress import LINE_PERIOD_S, PATIENCE_S, Progress
-from tests.cli.maps.missions import Run, journal_at, tree
+from tests.cli.maps.conftest import Run, journal_at, tree
 from tests.shared.clocks import HandClock
 
 

@@ -11,7 +11,7 @@ import pytest
 from companion.mapping.journal import Journal
 from companion.mapping.voxels.chunks import NOTHING, OFFSETS
 from companion.mapping.voxels.piece import MapPiece
-from tests.cli.maps.missions import HEADER, Run, journal_at, labels, tree
+from tests.cli.maps.conftest import HEADER, Run, journal_at, labels, tree
 
 
 @pytest.mark.parametrize("format_", ["ply", "pcd", "las", "laz", "bt", "ot", "obj"])

@@ -50,12 +50,7 @@ def test_the_watchdog_is_fed_from_cycles_and_not_more_often_than_it_needs(manage
 
 @pytest.mark.parametrize(
     "watchdog",
-    [
-        {},
-        {"WATCHDOG_USEC": "soon"},
-        {"WATCHDOG_USEC": "0"},
-        {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": "1"},
-    ],
+    [{}, {"WATCHDOG_USEC": "soon"}, {"WATCHDOG_USEC": "0"}, {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": "1"}],
 )
 def test_a_watchdog_that_is_not_for_us_is_not_fed(manager: socket.socket, watchdog: dict[str, str]) -> None:
     with manager:

@@ -41,10 +41,7 @@ def test_it_is_the_distance_to_the_nearest_box(seed: int) -> None:
     obstacles = np.pad((dense == OCCUPIED).astype(np.uint8), rim)
     not_free = np.pad((dense != FREE).astype(np.uint8), rim, constant_values=1)
     for point_m, near_m, not_free_m in zip(
-        points_m,
-        nearest_obstacle_m(known, points_m, 1.0),
-        nearest_not_free_m(known, points_m, 1.0),
-        strict=True,
+        points_m, nearest_obstacle_m(known, points_m, 1.0), nearest_not_free_m(known, points_m, 1.0), strict=True
     ):
         assert near_m == pytest.approx(_nearest(obstacles, -rim, point_m, 1.0), abs=1e-9)
         assert not_free_m == pytest.approx(_nearest(not_free, -rim, point_m, 1.0), abs=1e-9)

@@ -145,10 +145,7 @@ async def test_frames_that_cannot_be_placed_in_time_are_dropped_by_name() -> Non
     async with server, running(f"tcp://127.0.0.1:{server.sockets[0].getsockname()[1]}") as (_, sink):
         await until(lambda: sink.statistics(time.monotonic())[DEPTH].dropped)
         assert set(sink.statistics(time.monotonic())[DEPTH].reasons) == {NOT_ALIGNED}
-    async with (
-        StreamServer("tcp://127.0.0.1:0", None, MonotonicClock()) as ours,
-        running(ours.url) as (driver, sink),
-    ):
+    async with StreamServer("tcp://127.0.0.1:0", None, MonotonicClock()) as ours, running(ours.url) as (driver, sink):
         await until(lambda: driver.residual_s is not None)
         for client in ours._clients:
             client.send(encode_depth(time.monotonic(), DEPTH_M), 0)

@@ -169,10 +169,7 @@ async def test_a_stream_that_was_cut_stays_cut() -> None:
 async def test_a_reader_that_stands_still_is_not_fed_from_a_growing_store() -> None:
     """Protects the rows that stop the application: the relay keeps nothing for it, the world's own server skips."""
     async with StreamServer(f"tcp://{LOOPBACK}:0", None, MonotonicClock()) as server:
-        with (
-            StreamRelay(int(server.url.rpartition(":")[2])) as relay,
-            socket.create_connection((LOOPBACK, relay.port)),
-        ):
+        with StreamRelay(int(server.url.rpartition(":")[2])) as relay, socket.create_connection((LOOPBACK, relay.port)):
             await until(lambda: server.client_count == 1)
             readings = [RangeReading(Beam.FRONT, 1.0, 2.0, 6.0)] * 64
 
