@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import bisect
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -13,44 +11,6 @@ from companion.clock import Clock
 from companion.mavlink.firmware import AutopilotKind
 
 ACCEPTED = 0
-
-
-IDLE_ROUNDS = 8
-"""Rounds of the event loop after which nobody has anything left to do at this time."""
-
-
-class HandClock:
-    """A clock that stands still until it is moved; when everybody sleeps, it goes on to whoever wakes first."""
-
-    def __init__(self, now_s: float = 1000.0) -> None:
-        self.time_s = now_s
-        self.pass_by: Callable[[float], None] = self.advance
-        """Lets time pass while everybody sleeps; a simulation puts its steps in its place."""
-        self._wakings: list[float] = []
-
-    def now_s(self) -> float:
-        """What it was set to."""
-        return self.time_s
-
-    def advance(self, by_s: float) -> None:
-        """Let time pass."""
-        self.time_s += by_s
-
-    async def sleep(self, time_s: float) -> None:
-        """Virtual time passes."""
-        waking_s = self.time_s + time_s
-        bisect.insort(self._wakings, waking_s)
-        try:
-            rounds = 0
-            await asyncio.sleep(0)
-            while self.time_s < waking_s:
-                rounds = rounds + 1 if self._wakings[0] == waking_s else 0
-                if rounds > IDLE_ROUNDS:
-                    self.pass_by(waking_s - self.time_s)
-                    self.time_s = max(self.time_s, waking_s)
-                await asyncio.sleep(0)
-        finally:
-            self._wakings.remove(waking_s)
 
 
 class FakeLink:
@@ -93,15 +53,12 @@ class FakeLink:
         return [fields for sent, fields in self.sent if sent == name]
 
     def watch(self, name: str) -> Stream:
-        """See `Link.watch`."""
         return self._inbox.watch(name)
 
     def events(self, name: str, handler: Handler, anyone: bool = False) -> None:
-        """See `Link.events`."""
         self._inbox.events(name, handler, anyone)
 
     def send(self, name: str, fields: Mapping[str, Any]) -> None:
-        """Record the message."""
         if self.gone:
             raise LinkError("the link is gone")
         self.sent.append((name, dict(fields)))
@@ -121,7 +78,6 @@ class FakeLink:
         return result
 
     async def get_param(self, name: str) -> float | int | None:
-        """The scripted value."""
         if self.gone or name in self.silent_params:
             raise LinkError(f"no answer to a question for parameter {name}")
         return self.params.get(name)

@@ -9,7 +9,8 @@ import pytest
 
 from companion.autopilot.status_reporter import StatusReporter
 from companion.mavlink.ids import MavSeverity, MavState
-from tests.autopilot.fake_link import FakeLink, HandClock
+from tests.autopilot.fake_link import FakeLink
+from tests.shared.clocks import HandClock
 
 
 @pytest.fixture

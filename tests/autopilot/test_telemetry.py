@@ -12,10 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.autopilot.telemetry import TEXTS, Telemetry
+from companion.autopilot.vehicle_state import VehicleState
 from companion.config.settings import Settings
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavCmd
-from tests.autopilot.fake_link import FakeLink, HandClock
+from companion.model import Pose
+from tests.autopilot.fake_link import FakeLink
+from tests.shared.clocks import HandClock
 
 BOOTED_S = 900.0
 """When the autopilot was switched on, on our clock."""
@@ -57,6 +60,13 @@ class Autopilot:
     def heartbeat(self, custom_mode: int = PX4_OFFBOARD, armed: bool = True) -> None:
         self.link.deliver("HEARTBEAT", {"base_mode": 129 if armed else 1, "custom_mode": custom_mode, "autopilot": 12})
 
+    def tells(self, landed_state: int) -> None:
+        """All that its state is read from."""
+        self.heartbeat()
+        self.link.deliver("SYS_STATUS", {"battery_remaining": 61})
+        self.link.deliver("EXTENDED_SYS_STATE", {"landed_state": landed_state})
+        self.link.deliver("ESTIMATOR_STATUS", {"flags": ESTIMATOR_GOOD})
+
     def fly(self, seconds: float, hz: float = 50.0) -> None:
         for i in range(round(seconds * hz)):
             self.clock.advance(1.0 / hz)
@@ -64,6 +74,14 @@ class Autopilot:
             self.position()
             if i % 5 == 0:
                 self.telemetry.ask(self.clock.now_s())
+
+    def pose(self) -> Pose:
+        pose = self.telemetry.poses.newest()
+        assert pose is not None
+        return pose
+
+    def state(self) -> VehicleState:
+        return self.telemetry.state(self.clock.now_s())
 
     def intervals_asked(self) -> list[tuple[int, float]]:
         return [
@@ -78,15 +96,14 @@ def test_poses_come_in_our_frames_at_the_time_of_their_measurement() -> None:
     autopilot = Autopilot()
     autopilot.delay_s = 0.08
     autopilot.fly(3.0)
-    pose = autopilot.telemetry.poses.newest()
-    assert pose is not None
+    pose = autopilot.pose()
     measured_s = autopilot.clock.now_s() - 0.08
     assert pose.t_s == pytest.approx(measured_s, abs=0.002)
     assert (pose.x_m, pose.y_m, pose.z_m) == pytest.approx((2.0, measured_s - BOOTED_S, 1.5))
     assert (pose.vx_mps, pose.vy_mps, pose.vz_mps) == pytest.approx((0.0, 1.0, 0.1))
     assert pose.yaw_rad == pytest.approx(math.pi / 2 - 0.3)
     assert (pose.roll_rad, pose.pitch_rad, pose.yaw_rate_radps) == pytest.approx((0.1, -0.05, -0.4))
-    assert autopilot.telemetry.state(autopilot.clock.now_s()).pose_age_s == pytest.approx(0.08, abs=0.002)
+    assert autopilot.state().pose_age_s == pytest.approx(0.08, abs=0.002)
     assert autopilot.telemetry.clock_residual_s == pytest.approx(0.08, abs=0.002)
 
 
@@ -97,9 +114,7 @@ def test_without_timesync_the_least_delay_is_used() -> None:
     autopilot.fly(1.0)
     autopilot.delay_s = 0.2
     autopilot.fly(0.5)
-    pose = autopilot.telemetry.poses.newest()
-    assert pose is not None
-    assert pose.t_s == pytest.approx(autopilot.clock.now_s() - 0.2 + 0.01, abs=0.002)
+    assert autopilot.pose().t_s == pytest.approx(autopilot.clock.now_s() - 0.2 + 0.01, abs=0.002)
 
 
 def test_timesync_about_another_clock_is_not_believed() -> None:
@@ -112,9 +127,7 @@ def test_timesync_about_another_clock_is_not_believed() -> None:
     answer = round((autopilot.clock.now_s() - BOOTED_S + 2534.0) * 1e9)
     autopilot.link.deliver("TIMESYNC", {"tc1": answer, "ts1": question["ts1"]})
     autopilot.fly(0.1)
-    pose = autopilot.telemetry.poses.newest()
-    assert pose is not None
-    assert autopilot.clock.now_s() - pose.t_s == pytest.approx(0.0, abs=0.02)
+    assert autopilot.clock.now_s() - autopilot.pose().t_s == pytest.approx(0.0, abs=0.02)
 
 
 def test_time_answers_that_nobody_asked_for_are_ignored() -> None:
@@ -158,9 +171,7 @@ def test_a_message_is_never_from_the_future() -> None:
         "LOCAL_POSITION_NED",
         {"time_boot_ms": autopilot.boot_ms() + 300, "x": 101.0, "y": 2, "z": -1.5, "vx": 1, "vy": 0, "vz": 0},
     )
-    pose = autopilot.telemetry.poses.newest()
-    assert pose is not None
-    assert pose.t_s <= newest_s
+    assert autopilot.pose().t_s <= newest_s
 
 
 def test_a_restart_of_the_autopilot_forgets_the_poses_and_asks_for_everything_again() -> None:
@@ -177,9 +188,7 @@ def test_a_restart_of_the_autopilot_forgets_the_poses_and_asks_for_everything_ag
     assert autopilot.telemetry.poses.newest() is None
     autopilot.fly(0.2)
     assert len(autopilot.intervals_asked()) == 6
-    pose = autopilot.telemetry.poses.newest()
-    assert pose is not None
-    assert autopilot.clock.now_s() - pose.t_s < 0.05
+    assert autopilot.clock.now_s() - autopilot.pose().t_s < 0.05
 
 
 def test_one_replayed_message_is_no_restart() -> None:
@@ -235,11 +244,11 @@ def test_the_version_is_asked_for_until_it_comes() -> None:
 
     autopilot.fly(11.0)
     assert asked() == 3
-    assert autopilot.telemetry.state(autopilot.clock.now_s()).version is None
+    assert autopilot.state().version is None
     autopilot.link.deliver("AUTOPILOT_VERSION", {"flight_sw_version": 0x040700FF})
-    assert autopilot.telemetry.state(autopilot.clock.now_s()).version == "4.7.0"
+    assert autopilot.state().version == "4.7.0"
     autopilot.link.deliver("AUTOPILOT_VERSION", {"flight_sw_version": 0x04070000})
-    assert autopilot.telemetry.state(autopilot.clock.now_s()).version == "4.7.0-dev"
+    assert autopilot.state().version == "4.7.0-dev"
     autopilot.fly(11.0)
     assert asked() == 3
 
@@ -247,7 +256,7 @@ def test_the_version_is_asked_for_until_it_comes() -> None:
 def test_the_state_before_anything_was_said_claims_nothing() -> None:
     """Protects against reading silence as landed, disarmed and healthy."""
     autopilot = Autopilot()
-    state = autopilot.telemetry.state(autopilot.clock.now_s())
+    state = autopilot.state()
     assert (state.armed, state.mode, state.landed, state.battery_percent) == (False, "unknown", None, None)
     assert state.heartbeat_age_s == state.pose_age_s == math.inf
     assert not state.position_valid
@@ -256,37 +265,25 @@ def test_the_state_before_anything_was_said_claims_nothing() -> None:
 def test_the_state_is_what_the_messages_say() -> None:
     """Protects the reading of each message that the flight depends on."""
     autopilot = Autopilot()
-    autopilot.heartbeat()
-    for name, fields in (
-        ("SYS_STATUS", {"battery_remaining": 61}),
-        ("EXTENDED_SYS_STATE", {"landed_state": 2}),
-        ("ESTIMATOR_STATUS", {"flags": ESTIMATOR_GOOD}),
-        ("STATUSTEXT", {"severity": 4, "text": "Failsafe"}),
-    ):
-        autopilot.link.deliver(name, fields)
+    autopilot.tells(landed_state=2)
+    autopilot.link.deliver("STATUSTEXT", {"severity": 4, "text": "Failsafe"})
     autopilot.clock.advance(0.5)
-    state = autopilot.telemetry.state(autopilot.clock.now_s())
+    state = autopilot.state()
     assert (state.armed, state.mode, state.landed, state.battery_percent) == (True, "offboard", False, 61.0)
     assert (state.heartbeat_age_s, state.position_valid) == (0.5, True)
     assert [(text.severity, text.text) for text in autopilot.telemetry.texts] == [(4, "Failsafe")]
     autopilot.heartbeat(PX4_POSITION, armed=False)
     autopilot.link.deliver("EXTENDED_SYS_STATE", {"landed_state": 1})
-    state = autopilot.telemetry.state(autopilot.clock.now_s())
+    state = autopilot.state()
     assert (state.armed, state.mode, state.landed) == (False, "position", True)
 
 
 def test_what_was_said_long_ago_no_longer_counts() -> None:
     """Protects against an estimator that was healthy before the link died."""
     autopilot = Autopilot()
-    autopilot.heartbeat()
-    for name, fields in (
-        ("SYS_STATUS", {"battery_remaining": 61}),
-        ("EXTENDED_SYS_STATE", {"landed_state": 1}),
-        ("ESTIMATOR_STATUS", {"flags": ESTIMATOR_GOOD}),
-    ):
-        autopilot.link.deliver(name, fields)
+    autopilot.tells(landed_state=1)
     autopilot.clock.advance(11.0)
-    state = autopilot.telemetry.state(autopilot.clock.now_s())
+    state = autopilot.state()
     assert (state.landed, state.battery_percent, state.position_valid) == (None, None, False)
     assert state.heartbeat_age_s == 11.0
 
@@ -312,16 +309,16 @@ def test_the_estimator_is_healthy_with_a_relative_position(kind: AutopilotKind, 
     autopilot = Autopilot(kind)
     name = "ESTIMATOR_STATUS" if kind is AutopilotKind.PX4 else "EKF_STATUS_REPORT"
     autopilot.link.deliver(name, {"flags": flags})
-    assert autopilot.telemetry.state(autopilot.clock.now_s()).position_valid is valid
+    assert autopilot.state().position_valid is valid
 
 
 def test_a_battery_that_sys_status_does_not_measure_is_read_from_battery_status() -> None:
     """Protects the low-battery landing on both autopilots; -1 is not measured, not empty."""
     autopilot = Autopilot()
     autopilot.link.deliver("SYS_STATUS", {"battery_remaining": -1})
-    assert autopilot.telemetry.state(autopilot.clock.now_s()).battery_percent is None
+    assert autopilot.state().battery_percent is None
     autopilot.link.deliver("BATTERY_STATUS", {"battery_remaining": 40})
-    assert autopilot.telemetry.state(autopilot.clock.now_s()).battery_percent == 40.0
+    assert autopilot.state().battery_percent == 40.0
 
 
 def test_texts_are_bounded() -> None:
@@ -355,7 +352,7 @@ def test_malformed_messages_are_never_believed_and_never_crash(messages: list[tu
         for name, fields in messages:
             autopilot.link.deliver(name, fields)
     autopilot.telemetry.ask(autopilot.clock.now_s())
-    state = autopilot.telemetry.state(autopilot.clock.now_s())
+    state = autopilot.state()
     pose = autopilot.telemetry.poses.newest()
     assert pose is None or all(math.isfinite(getattr(pose, name)) for name in type(pose).__slots__)
     assert state.battery_percent is None or 0.0 <= state.battery_percent <= 100.0

@@ -7,7 +7,7 @@ import pytest
 from companion.autopilot.vehicle import FlightError
 from companion.mavlink.firmware import AutopilotKind
 from tests.autopilot import scripted
-from tests.autopilot.scripted_flight import ARDUPILOT, H_M, KINDS, PX4, Flight
+from tests.autopilot.scripted import ARDUPILOT, H_M, KINDS, PX4, Flight
 
 
 @pytest.mark.parametrize("gps", [True, False])

@@ -13,22 +13,19 @@ from companion.config.reactions import ANSWERS, HARMLESS, ReactionsSettings
 from companion.config.safety import CAUTIOUS, SafetySettings
 from companion.config.settings import Settings
 from companion.config.show import dump_yaml
-from companion.errors import InputError
 from companion.gate.faults import Fault
+from tests.config.conftest import Write
+from tests.config.conftest import refusal as lines_of_refusal
 
 Refusal = Callable[[str], str]
 
 
 @pytest.fixture
-def refusal(tmp_path: Path) -> Refusal:
+def refusal(write: Write) -> Refusal:
     """Loads a file that must be refused and gives the one line that says why."""
 
     def refuse(text: str) -> str:
-        file = tmp_path / "vehicle.yaml"
-        file.write_text(text, encoding="utf-8")
-        with pytest.raises(InputError) as caught:
-            load_settings(file)
-        (line,) = str(caught.value).replace(f"{tmp_path}/", "").splitlines()
+        (line,) = lines_of_refusal(write(text))
         return line
 
     return refuse

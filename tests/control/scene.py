@@ -167,7 +167,6 @@ def mirrored_scan(scan: Scan) -> Scan:
 
 
 def mirrored_measurement(seen: Measurement) -> Measurement:
-    """The same measurement with left and right exchanged."""
     return replace(
         seen,
         scan=None if seen.scan is None else mirrored_scan(seen.scan),
@@ -176,7 +175,6 @@ def mirrored_measurement(seen: Measurement) -> Measurement:
 
 
 def mirrored_pose(pose: Pose) -> Pose:
-    """The pose in the mirrored world."""
     return replace(
         pose,
         y_m=-pose.y_m,

@@ -16,26 +16,8 @@ from hypothesis import strategies as st
 from companion.config.sim import NoiseSettings
 from companion.control.navigator import Navigator
 from companion.model import FloatArray, Measurement, Mode, Pose, wrap_rad
-from tests.control.scene import (
-    Scene,
-    Track,
-    box,
-    fly,
-    law_parameters,
-    measurement,
-    mirrored_measurement,
-    mirrored_pose,
-)
-from tests.control.stages import (
-    DT_S,
-    NEVER,
-    ORIGIN,
-    compiled,
-    in_boundary,
-    in_tangent,
-    navigator_with,
-    random_scan,
-)
+from tests.control.scene import Scene, Track, box, fly, law_parameters, measurement, mirrored_measurement, mirrored_pose
+from tests.control.stages import DT_S, NEVER, ORIGIN, compiled, in_boundary, in_tangent, navigator_with, random_scan
 
 # Flights.
 

@@ -141,8 +141,7 @@ def test_yaw_rates_stay_within_the_largest(
 
 
 @pytest.mark.parametrize(
-    ("bearing_deg", "rate_mps"),
-    [(0.0, -0.5), (60.0, -0.25), (90.0, 0.0), (-90.0, 0.0), (120.0, 0.25), (180.0, 0.5)],
+    ("bearing_deg", "rate_mps"), [(0.0, -0.5), (60.0, -0.25), (90.0, 0.0), (-90.0, 0.0), (120.0, 0.25), (180.0, 0.5)]
 )
 def test_cruising_rate_is_that_of_flying_on_at_full_speed(bearing_deg: float, rate_mps: float) -> None:
     """ḋ = -v·cos α*: a wall ahead comes nearer at v, one beside stays, one behind goes away; left or right alike."""

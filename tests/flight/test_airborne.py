@@ -20,10 +20,10 @@ from companion.flight.termination import Termination
 from companion.gate.faults import Fault, Stage
 from companion.gate.protocol import Notice, Phase
 from companion.mavlink.firmware import AutopilotKind
-from tests.autopilot.fake_link import HandClock
 from tests.flight.fake_gate import FakeGate
 from tests.flight.test_reporting import STATUS
 from tests.flight.test_termination import conditions
+from tests.shared.clocks import HandClock
 
 
 class Vehicle:

@@ -13,7 +13,7 @@ from companion.pipeline import Explorer, Tick
 from companion.pose_buffer import PoseBuffer
 from companion.sensors.sink import RawDepth, SensorSink
 from companion.sensors.synchronizer import Synchronizer
-from tests.autopilot.fake_link import HandClock
+from tests.shared.clocks import HandClock
 
 SETTINGS = load_settings(None, "flight")
 CAMERA = SETTINGS.sensors.camera.model()

@@ -30,10 +30,10 @@ from companion.recording import open_recording
 from companion.recording.flight_stats import figures
 from companion.sensors.sink import RawDepth, SensorSink
 from companion.sensors.synchronizer import Synchronizer
-from tests.autopilot.fake_link import HandClock
 from tests.autopilot.scripted import ScriptedAutopilot, ScriptedLink
 from tests.flight.fake_gate import FakeGate
 from tests.flight.test_reporting import STATUS
+from tests.shared.clocks import HandClock
 
 EXPLORED_S = 12.0
 WALL_M = 4.0

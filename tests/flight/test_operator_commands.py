@@ -15,7 +15,8 @@ from companion.errors import InputError
 from companion.flight.operator_commands import OperatorCommands
 from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.mavlink.ids import MavCmd
-from tests.autopilot.fake_link import FakeLink, HandClock
+from tests.autopilot.fake_link import FakeLink
+from tests.shared.clocks import HandClock
 
 OURS = {"target_system": 1, "target_component": 191}
 

@@ -1,7 +1,8 @@
-"""Why a flight ends: the gravest reason wins, and none of them is overlooked."""
+"""Why a flight ends, and the machine of its phases."""
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from typing import Any
 
@@ -9,6 +10,7 @@ import pytest
 
 from companion.autopilot.vehicle_state import VehicleState
 from companion.config.settings import Settings
+from companion.flight.phase import FlightPhase, PhaseEvent, PhaseMachine
 from companion.flight.termination import Conditions, Termination, termination
 
 SETTINGS = Settings()
@@ -106,3 +108,40 @@ def test_hands_are_off_when_the_vehicle_is_not_ours_or_cannot_be_reached() -> No
 
 def test_only_completion_and_a_stop_are_ends_as_they_should_be() -> None:
     assert {why for why in Termination if why.as_it_should} == {Termination.COMPLETE, Termination.STOPPED}
+
+
+# The machine of phases, over all phases and events.
+
+
+CHECKING, WAITING, TAKING_OFF, EXPLORING, LEAVING, ENDED = FlightPhase
+READY, STARTED, ENGAGED, STOPPED, LEFT = PhaseEvent
+
+CHANGES = {
+    (CHECKING, READY): WAITING,
+    (CHECKING, STARTED): TAKING_OFF,
+    (WAITING, STARTED): TAKING_OFF,
+    (TAKING_OFF, ENGAGED): EXPLORING,
+    (TAKING_OFF, STOPPED): LEAVING,
+    (TAKING_OFF, LEFT): ENDED,
+    (EXPLORING, STOPPED): LEAVING,
+    (EXPLORING, LEFT): ENDED,
+    (LEAVING, LEFT): ENDED,
+}
+
+
+@pytest.mark.parametrize(("phase", "event"), list(itertools.product(FlightPhase, PhaseEvent)))
+def test_every_event_in_every_phase(phase: FlightPhase, event: PhaseEvent) -> None:
+    """Protects above all the end: no event leads back from it to a phase in which setpoints are sent."""
+    machine = PhaseMachine()
+    machine.phase = phase
+    after = machine.update(event)
+    assert after is machine.phase is CHANGES.get((phase, event), phase)
+    assert after >= phase, "no phase is entered twice"
+
+
+def test_a_flight_begins_on_the_ground() -> None:
+    assert PhaseMachine().phase is CHECKING
+
+
+def test_from_the_order_to_take_off_on_the_vehicle_may_be_armed() -> None:
+    assert [phase for phase in FlightPhase if phase.airborne] == [TAKING_OFF, EXPLORING, LEAVING, ENDED]

@@ -135,7 +135,6 @@ class Air:
         return personality(self.kind)
 
     def stage(self) -> Stage:
-        """What the gate does now."""
         return self.gate.stage
 
     def tell(self, name: str, component: int = AUTOPILOT, system: int = SYSTEM, **fields: Any) -> None:

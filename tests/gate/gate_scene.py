@@ -47,11 +47,9 @@ class Scene:
         self.gate.on_word(replace(BEAT, t_s=now_s, phase=phase, **changes).packed(), now_s)
 
     def stage(self) -> Stage:
-        """What the gate does now."""
         return self.gate.stage
 
     def goodbye(self) -> Goodbye | None:
-        """The application's last word."""
         return self.gate.goodbye
 
     def patient_since_s(self) -> float | None:
@@ -99,7 +97,6 @@ class Scene:
 
 
 def flying(plan: Plan = PLAN, kind: AutopilotKind = AutopilotKind.PX4) -> Scene:
-    """A scene in which the vehicle explores."""
     scene = Scene(plan, kind)
     scene.fly()
     return scene

@@ -11,7 +11,7 @@ import pytest
 from companion.gate.faults import Fault, Stage
 from companion.gate.protocol import Phase
 from companion.mavlink.firmware import AutopilotKind
-from tests.gate.built import BEAT, GROUND, KINDS, PLAN, VALID, Air, command, frame, in_the_air, reacting, read, setpoint
+from tests.gate.built import BEAT, GROUND, KINDS, PLAN, VALID, command, frame, in_the_air, reacting, read, setpoint
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -238,17 +238,6 @@ def test_a_person_on_the_ground_stops_it_for_good(target: int, through: str) -> 
     assert [ack["target_system"] for ack in acks] == ([255] if target == 192 else [])
 
 
-@pytest.mark.parametrize("changes", [{"param1": 1.0}, {"target_system": 2}, {"target_component": 1}, {"command": 194}])
-def test_what_is_no_order_to_us_stops_nothing(changes: dict[str, Any]) -> None:
-    """Protects against stops that were meant for others, and against "continue"."""
-    air = in_the_air()
-    order: dict[str, Any] = {"target_system": 1, "target_component": 191, "command": 193} | changes
-    air.tell("COMMAND_LONG", GROUND[1], GROUND[0], **order)
-    air.tell("HEARTBEAT", GROUND[1], GROUND[0])
-    air.run(0.1)
-    assert air.stage() is Stage.PASS
-
-
 def test_an_application_that_died_is_not_waited_for() -> None:
     """Protects against hope: a process that is gone does not come back by itself, whatever is heard meanwhile."""
     air = in_the_air(reacting(Fault.APPLICATION, Stage.BRAKE, 2.0, 15.0))
@@ -265,25 +254,6 @@ def test_an_application_that_died_is_not_waited_for() -> None:
     air.beat = replace(BEAT, phase=Phase.CLIMBING)
     air.run(0.2)
     assert air.ask(command(400, 1.0)) is not None, "a person has started it again"
-
-
-def test_an_application_that_hangs_is_found_out() -> None:
-    """Protects against a process that neither works nor ends: in a flight it is killed, beside one it may take long."""
-    air = in_the_air()
-    air.beats = False
-    air.run(9.9)
-    assert not air.gate.hangs(air.now_s)
-    air.run(0.2)
-    assert air.gate.hangs(air.now_s)
-    air.gate.on_application_died("was killed: it hung")
-    assert not air.gate.hangs(air.now_s)
-    for phase in (Phase.GROUND, Phase.ENDED):
-        quiet = Air()
-        quiet.beat = replace(BEAT, phase=phase)
-        quiet.run(0.1)
-        quiet.beats = False
-        quiet.run(15.0)
-        assert not quiet.gate.hangs(quiet.now_s)
 
 
 def test_the_map_alone_stops_nothing_but_is_told() -> None:

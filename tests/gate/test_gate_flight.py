@@ -9,9 +9,8 @@ import pytest
 
 from companion.gate.faults import Stage
 from companion.gate.protocol import Goodbye, Phase
-from companion.mavlink.codec import Frame
 from companion.mavlink.firmware import AutopilotKind
-from tests.gate.built import APPLICATION, BEAT, KINDS, Air, command, in_the_air, read, texts_of
+from tests.gate.built import BEAT, KINDS, Air, command, in_the_air, texts_of
 
 
 def test_px4_that_held_by_itself_is_not_called_back() -> None:
@@ -153,34 +152,6 @@ def test_a_vehicle_left_holding_is_left_alone() -> None:
     assert air.stops() == []
 
 
-def test_beats_that_cannot_be_are_counted() -> None:
-    """Protects the clock of the beats: neither the future nor the past makes an application alive."""
-    air = in_the_air()
-    before = air.gate.counts["beat that cannot be"]
-    for data in (
-        b"",
-        b"beat",
-        b"\xff" * 53,
-        replace(BEAT, t_s=air.now_s + 1.0).packed(),
-        replace(BEAT, t_s=1.0).packed(),
-    ):
-        air.gate.on_word(data, air.now_s)
-    assert air.gate.counts["beat that cannot be"] == before + 5
-
-
-def test_our_own_messages_sent_back_are_nothing() -> None:
-    """Protects against an autopilot that forwards: our heartbeat is not its."""
-    air = Air()
-    air.tell("HEARTBEAT", APPLICATION, autopilot=12, base_mode=128)
-    air.tell("COMMAND_LONG", 192, target_system=1, target_component=191, command=193)
-    unknown = Frame(b"", 12000, 1, 154, b"", signed=False)
-    air.gate.on_autopilot_message(unknown, air.now_s)
-    air.run(0.1)
-    assert not air.gate.armed
-    air.tell("HEARTBEAT", 1, 1, autopilot=8)
-    assert not air.gate.armed, "neither PX4 nor ArduPilot"
-
-
 def test_another_firmware_with_our_number_is_not_believed() -> None:
     """Protects the pilot's takeover from being forgotten because of a stranger on the line."""
     air = in_the_air()
@@ -243,17 +214,6 @@ def test_texts_for_the_pilot_do_not_pile_up() -> None:
     assert len(texts) >= 5
     assert all(later - earlier > 0.49 for (earlier, _), (later, _) in itertools.pairwise(texts))
     assert all(len(text) <= 50 for _, text in texts)
-
-
-def test_a_refused_command_is_answered() -> None:
-    """Protects the application's words: without an answer it would blame the link."""
-    air = in_the_air()
-    assert air.ask(command(400, 1.0, 21196.0)) is None
-    (raw,) = air.gate.drain_upward()
-    found, fields = read(raw)
-    assert (found.system_id, found.component_id, found.message_id) == (1, 192, 77)
-    assert (fields["command"], fields["result"], fields["target_component"]) == (400, 1, 191)
-    assert air.gate.drain_upward() == []
 
 
 def test_a_landing_stays_due_when_the_application_ends_its_flight_in_a_hold() -> None:

@@ -1,17 +1,19 @@
-"""Whom the gate hears and what it believes, and what it knows of an application that hangs, dies or is new."""
+"""Whom the gate hears and what it believes: autopilots, the application, and a person who says stop."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
-from companion.gate.faults import Stage
+from companion.gate.faults import Fault, Stage
 from companion.gate.gate import Gate
 from companion.gate.protocol import Goodbye, Notice, Phase
 from companion.mavlink.codec import Frame
-from tests.gate.built import APPLICATION, AUTOPILOT, BEAT, GATE, SYSTEM, command, frame, read, texts_of
-from tests.gate.gate_scene import JUST_S, NOW_S, PLAN, Scene, flying
+from tests.gate.built import APPLICATION, AUTOPILOT, BEAT, GATE, GROUND, SYSTEM, command, frame, read, texts_of
+from tests.gate.gate_scene import JUST_S, NOW_S, ORDER, PLAN, Scene, flying
 
 
 def test_a_new_gate_knows_nothing() -> None:
@@ -26,11 +28,13 @@ def test_a_new_gate_knows_nothing() -> None:
 
 
 def test_each_beat_that_cannot_be_is_counted_once() -> None:
-    """Protects the numbers in the log; a goodbye is none of them."""
+    """Protects the clock of the beats, in which neither the future nor the past is alive; a goodbye is no beat."""
     scene = Scene()
-    for data in (b"x", replace(BEAT, t_s=NOW_S + 1.0).packed(), Goodbye(0).packed(), replace(BEAT, t_s=NOW_S).packed()):
+    for data in (b"", b"x", b"beat", b"\xff" * 53, Goodbye(0).packed()):
         scene.gate.on_word(data, NOW_S)
-    assert scene.gate.counts == {"beat that cannot be": 2}
+    for sent_s in (NOW_S + 1.0, 1.0, NOW_S):
+        scene.gate.on_word(replace(BEAT, t_s=sent_s).packed(), NOW_S)
+    assert scene.gate.counts == {"beat that cannot be": 6}
 
 
 @pytest.mark.parametrize(
@@ -68,7 +72,7 @@ def test_what_is_not_read_is_heard() -> None:
     ],
 )
 def test_when_an_application_hangs(phase: Phase, hangs: bool) -> None:
-    """Protects a working application from being killed, and a vehicle from one that does not work."""
+    """Protects a working application from being killed, and a vehicle from one that neither works nor ends."""
     scene = Scene(phase=phase)
     assert not scene.gate.hangs(NOW_S + 10.0)
     assert scene.gate.hangs(NOW_S + 10.0 + JUST_S) is hangs
@@ -92,3 +96,82 @@ def test_a_new_application_starts_afresh() -> None:
     scene.beat(Phase.CLIMBING)
     assert scene.passes(command(400, 1.0))
     assert scene.gate.airborne
+
+
+# Orders of a person: who may stop the vehicle, over which link, and addressed to whom.
+
+
+def ordered(scene: Scene) -> bool:
+    return Fault.GROUND_STOP in scene.gate._monitor.faults(NOW_S)
+
+
+@pytest.mark.parametrize("name", ["COMMAND_LONG", "COMMAND_INT"])
+@pytest.mark.parametrize("system", [0, SYSTEM])
+@pytest.mark.parametrize("component", [0, APPLICATION, GATE])
+def test_an_order_to_stop_reaches_us_however_it_is_addressed(name: str, system: int, component: int) -> None:
+    """Protects the person on the ground: over the autopilot's link, and over their own."""
+    order = frame(name, GROUND[1], GROUND[0], **(ORDER | {"target_system": system, "target_component": component}))
+    scene = Scene()
+    scene.gate.on_autopilot_message(order, NOW_S)
+    assert ordered(scene)
+    attached = Scene()
+    assert attached.gate.on_attached_message(order, "command") is (component == 0)
+    assert ordered(attached)
+    acks = [fields for fields in (read(raw)[1] for raw in attached.gate.cycle(NOW_S)) if "result" in fields]
+    assert [(ack["command"], ack["result"], ack["target_system"], ack["target_component"]) for ack in acks] == (
+        [(193, 0, *GROUND)] if component == GATE else []
+    )
+    assert 77 not in attached.sent(NOW_S), "once"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"target_system": 2},
+        {"target_component": AUTOPILOT},
+        {"command": 194},
+        {"command": 300},
+        {"param1": 1.0},
+        {"param1": math.nan},
+    ],
+)
+def test_other_orders_are_not_ours(changes: dict[str, Any]) -> None:
+    """Protects the flight from orders to somebody else, and from "continue"."""
+    order = frame("COMMAND_LONG", GROUND[1], GROUND[0], **(ORDER | changes))
+    scene = Scene()
+    scene.gate.on_autopilot_message(order, NOW_S)
+    scene.gate.on_attached_message(order, "command")
+    scene.gate.on_autopilot_message(frame("HEARTBEAT", GROUND[1], GROUND[0]), NOW_S)
+    assert not ordered(scene)
+
+
+@pytest.mark.parametrize("component", [APPLICATION, GATE])
+def test_a_person_may_sit_at_any_component(component: int) -> None:
+    """Protects a ground station that has our numbers, in a system of its own."""
+    scene = Scene()
+    scene.gate.on_autopilot_message(frame("COMMAND_LONG", component, GROUND[0], **ORDER), NOW_S)
+    assert ordered(scene)
+
+
+def test_who_may_command_may_send_what_nobody_here_knows() -> None:
+    """Protects a ground station's work: files, logs, missions."""
+    unknown = Frame(b"", 12000, *GROUND, b"", signed=False)
+    assert Scene().gate.on_attached_message(unknown, "command") is True
+
+
+@pytest.mark.parametrize("may", ["read", "odometry"])
+def test_who_may_not_command_does_not_stop_either(may: str) -> None:
+    """Protects the promise of "read": nothing that comes from there does anything."""
+    scene = Scene()
+    assert not scene.gate.on_attached_message(frame("COMMAND_LONG", GROUND[1], GROUND[0], **ORDER), may)
+    assert not ordered(scene)
+    assert scene.gate.counts == {"attached: not permitted": 1}
+    assert scene.gate.on_attached_message(frame("HEARTBEAT", 197), may) is (may == "odometry")
+
+
+def test_the_autopilot_and_the_application_order_nothing_as_a_person() -> None:
+    """Protects from taking the vehicle's own words, or ours sent back, for those of a person."""
+    scene = Scene()
+    for component in (AUTOPILOT, APPLICATION, GATE):
+        scene.gate.on_autopilot_message(frame("COMMAND_LONG", component, **ORDER), NOW_S)
+    assert not ordered(scene)

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from companion.gate.plan import Limits
+from companion.gate.geofence import excess_m
+from companion.gate.plan import Geofence, Limits
 from companion.gate.setpoint_limits import LONGEST_S, SLACK_MPS, UNUSED, Unreadable, VelocitySetpoint, beyond, read
 
 LIMITS = Limits(speed_mps=2.0, climb_mps=1.5, yaw_rate_radps=0.5, accel_mps2=2.0)
@@ -90,10 +91,7 @@ def test_limits_are_kept_and_may_be_used(new: VelocitySetpoint, before: Velocity
     assert why_not(new, before) == words
 
 
-@pytest.mark.parametrize(
-    ("since_s", "most_mps"),
-    [(0.0, 0.27), (0.0625, 0.27), (0.25, 0.52), (0.5, 1.02), (3.0, 1.02)],
-)
+@pytest.mark.parametrize(("since_s", "most_mps"), [(0.0, 0.27), (0.0625, 0.27), (0.25, 0.52), (0.5, 1.02), (3.0, 1.02)])
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_velocity_grows_no_faster_than_allowed(axis: int, since_s: float, most_mps: float) -> None:
     """Protects against jumps: two that come at once count as a period apart, and a long pause allows no leap."""
@@ -122,3 +120,42 @@ def test_to_stop_is_always_allowed() -> None:
     for old in (asked(2.0, t_s=10.0), asked(-2.0, t_s=10.0)):
         assert why_not(asked(), old) is None
         assert why_not(asked(math.copysign(0.2, -old.vx_mps)), old) is None
+
+
+# How far a place is outside.
+
+
+BOX = Geofence(north_m=(-8.0, 4.0), east_m=(-2.0, 1.0), down_m=(-3.0, 0.5))
+
+
+def test_nothing_fenced_is_everywhere_inside() -> None:
+    """Protects flights without a fence."""
+    assert excess_m(Geofence(), 1e6, -1e6, 1e6) == -math.inf
+
+
+@pytest.mark.parametrize(
+    ("place_m", "expected_m"),
+    [
+        ((0.0, 0.0, -1.0), -1.0),
+        ((4.0, 0.0, -1.0), 0.0),
+        ((5.5, 0.0, -1.0), 1.5),
+        ((-9.0, 0.0, -1.0), 1.0),
+        ((0.0, 1.25, -1.0), 0.25),
+        ((0.0, -2.5, -1.0), 0.5),
+        ((0.0, 0.0, -3.75), 0.75),
+        ((0.0, 0.0, 1.0), 0.5),
+        ((5.0, 1.5, 2.5), 2.0),
+    ],
+)
+def test_each_side_of_the_box(place_m: tuple[float, float, float], expected_m: float) -> None:
+    """Protects every wall of the fence; of several the one that is passed furthest counts."""
+    assert excess_m(BOX, *place_m) == expected_m
+
+
+def test_the_radius_is_about_the_origin_and_in_the_plane() -> None:
+    """Protects the cylinder: height does not count, and both directions do."""
+    round_m = Geofence(radius_m=5.0)
+    assert excess_m(round_m, 3.0, 4.0, -100.0) == 0.0
+    assert excess_m(round_m, -6.0, 8.0, 0.0) == 5.0
+    assert excess_m(round_m, 0.0, 0.0, 0.0) == -5.0
+    assert excess_m(Geofence(north_m=(-8.0, 4.0), radius_m=5.0), 0.0, 7.0, 0.0) == 2.0

@@ -14,8 +14,8 @@ from typing import Any
 from sitl.autopilot.codec import Decoder
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
-from tests.integration.own_thread import OwnThread
 from tests.integration.seen import Seen
+from tests.shared.beside import OwnThread
 
 LOOPBACK = "127.0.0.1"
 LARGEST = 65536

@@ -25,9 +25,10 @@ from companion.config.settings import Settings
 from companion.flight.tasks import background
 from companion.model import Setpoint
 from sitl.launch.processes import command, environment, free_udp_ports
-from tests.autopilot.udp_transport import UdpTransport
+from tests.autopilot.loopback import UdpTransport
 from tests.integration.relay import LOOPBACK, UdpRelay
 from tests.integration.witness import Witness
+from tests.shared.beside import until
 
 PERSONALITIES = ("px4", "ardupilot")
 BOOT_S = 2.0
@@ -185,7 +186,7 @@ class Aboard:
     async def ready(self) -> None:
         """Until the autopilot knows where it is: what a pre-flight check would wait for."""
         await until(
-            "the estimator is valid", lambda: self.telemetry.state(self.clock.now_s()).position_valid, timeout_s=20.0
+            lambda: self.telemetry.state(self.clock.now_s()).position_valid, "the estimator is valid", timeout_s=20.0
         )
 
     async def stream(
@@ -221,12 +222,3 @@ async def aboard(port: int, system_id: int = 1, connect_timeout_s: float = 30.0)
         telemetry = Telemetry(link, clock, settings)
         async with background(telemetry.run()):
             yield Aboard(clock, link, telemetry, Vehicle(link, telemetry, settings, clock), settings)
-
-
-async def until(what: str, ready: Callable[[], bool], timeout_s: float) -> None:
-    """Wait until it has happened; the test fails when it does not."""
-    give_up_s = time.monotonic() + timeout_s
-    while not ready():
-        if time.monotonic() > give_up_s:
-            pytest.fail(f"not within {timeout_s:g} s: {what}")
-        await asyncio.sleep(0.02)

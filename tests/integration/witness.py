@@ -20,7 +20,7 @@ from companion.model import Pose
 from sitl.autopilot.codec import Decoder
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
-from tests.integration.own_thread import OwnThread
+from tests.shared.beside import OwnThread
 
 LOOPBACK = "127.0.0.1"
 GROUND_STATION = (255, 190)

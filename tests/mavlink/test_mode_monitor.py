@@ -13,11 +13,17 @@ from companion.mavlink.modes import px4_mode
 HOLD, OFFBOARD, LAND, POSITION = px4_mode(4, 3), px4_mode(6), px4_mode(4, 6), px4_mode(3)
 
 
+def asked(armed_before: bool = True) -> ModeMonitor:
+    """In hold, and asked for offboard."""
+    watch = ModeMonitor(AutopilotKind.PX4)
+    watch.heartbeat(HOLD, armed_before, 1.0)
+    watch.ask(frozenset({OFFBOARD}))
+    return watch
+
+
 def engaged() -> ModeMonitor:
     """Armed, in offboard, as asked for."""
-    watch = ModeMonitor(AutopilotKind.PX4)
-    watch.heartbeat(HOLD, True, 1.0)
-    watch.ask(frozenset({OFFBOARD}))
+    watch = asked()
     watch.heartbeat(OFFBOARD, True, 2.0)
     return watch
 
@@ -43,9 +49,7 @@ def test_nothing_is_taken_over_before_anything_was_asked_for() -> None:
 
 def test_the_mode_before_may_show_until_ours_does() -> None:
     """Heartbeats are up to 1 s late: the old mode in one of them is no pilot."""
-    watch = ModeMonitor(AutopilotKind.PX4)
-    watch.heartbeat(HOLD, True, 1.0)
-    watch.ask(frozenset({OFFBOARD}))
+    watch = asked()
     watch.heartbeat(HOLD, True, 2.0)
     assert (watch.taken_over, watch.confirmed) == (None, False)
     watch.heartbeat(OFFBOARD, True, 3.0)
@@ -55,9 +59,7 @@ def test_the_mode_before_may_show_until_ours_does() -> None:
 
 
 def test_a_third_mode_is_somebody_elses_even_while_ours_has_not_shown() -> None:
-    watch = ModeMonitor(AutopilotKind.PX4)
-    watch.heartbeat(HOLD, True, 1.0)
-    watch.ask(frozenset({OFFBOARD}))
+    watch = asked()
     watch.heartbeat(POSITION, True, 1.5)
     assert watch.taken_over == "position"
 
@@ -85,9 +87,7 @@ def test_a_disarmed_vehicle_in_our_mode_is_not_ours() -> None:
 @pytest.mark.parametrize("armed_before", [True, False])
 def test_a_vehicle_that_disarms_without_having_been_told_to_is_not_ours(armed_before: bool) -> None:
     """Whether it was armed before the request or after it, once armed it does not disarm by our doing."""
-    watch = ModeMonitor(AutopilotKind.PX4)
-    watch.heartbeat(HOLD, armed_before, 1.0)
-    watch.ask(frozenset({OFFBOARD}))
+    watch = asked(armed_before)
     if not armed_before:
         watch.heartbeat(HOLD, True, 2.0)
         watch.heartbeat(OFFBOARD, True, 3.0)

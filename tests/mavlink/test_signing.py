@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega
 
 from companion.mavlink.codec import Encoder, Framer, decode
 from companion.mavlink.signing import MOST_STREAMS, RADIO_STATUS, SIGNATURE_BYTES, Signer, load_key
+from tests.shared.clocks import HandClock
 
 m: Any = ardupilotmega
 KEY = bytes(range(1, 33))
@@ -21,18 +22,8 @@ TICKS = int((NOW_S - 1_420_070_400) * 100_000)
 PLAIN = Encoder(1, 192).pack("COMMAND_LONG", command=400, param1=1.0, target_system=1)
 
 
-class HandSetClock:
-    """The wall clock, which anybody may step."""
-
-    def __init__(self, now_s: float = NOW_S) -> None:
-        self.now_s = now_s
-
-    def __call__(self) -> float:
-        return self.now_s
-
-
 def signer(now_s: float = NOW_S, key: bytes = KEY, link_id: int = 3) -> Signer:
-    return Signer(key, link_id, HandSetClock(now_s))
+    return Signer(key, link_id, lambda: now_s)
 
 
 def theirs(ticks: int = TICKS, *, key: bytes = KEY, system_id: int = 1) -> Any:
@@ -82,11 +73,11 @@ def test_what_is_signed_anew_carries_only_our_signature() -> None:
 
 def test_stamps_rise_also_when_the_clock_is_stepped_back() -> None:
     """An equal or lower stamp is a repetition to the other side: we would be unheard until the clock caught up."""
-    clock = HandSetClock()
-    ours = Signer(KEY, 0, clock)
+    clock = HandClock(NOW_S)
+    ours = Signer(KEY, 0, clock.now_s)
     stamps = []
     for now_s in (NOW_S, NOW_S, NOW_S - 3600.0, NOW_S + 1.0, -1e12, 1e12, 1e12):
-        clock.now_s = now_s
+        clock.time_s = now_s
         stamps.append(stamp(ours.sign(PLAIN)) - TICKS)
     assert stamps[:5] == [0, 1, 2, 100_000, 100_001]
     assert 2**48 > stamps[6] + TICKS > stamps[5] + TICKS > 2**47
@@ -123,10 +114,10 @@ def test_a_new_sender_must_not_be_a_minute_behind(behind_s: float, accepted: boo
 
 def test_a_known_sender_may_fall_behind_as_long_as_it_rises() -> None:
     """When NTP steps our clock by an hour the autopilot is not lost."""
-    clock = HandSetClock()
-    ours, autopilot = Signer(KEY, 0, clock), theirs()
+    clock = HandClock(NOW_S)
+    ours, autopilot = Signer(KEY, 0, clock.now_s), theirs()
     assert ours.accepts(heartbeat(autopilot))
-    clock.now_s += 3600.0
+    clock.advance(3600.0)
     assert ours.accepts(heartbeat(autopilot))
 
 

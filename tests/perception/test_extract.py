@@ -12,14 +12,7 @@ import pytest
 from numpy.typing import ArrayLike
 
 from companion.config.sensors import ScanSettings, SensorSettings
-from companion.model import (
-    FRONT_RAD,
-    HIT,
-    Beam,
-    Input,
-    Measurement,
-    Observation,
-)
+from companion.model import FRONT_RAD, HIT, Beam, Input, Measurement, Observation
 from companion.perception.extract import POSE_STALE_S
 from companion.perception.look import bin_bearings
 from tests.perception.observations import (

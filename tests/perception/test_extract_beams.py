@@ -11,18 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.config.sensors import BeamSettings, ScanSettings, SensorSettings
-from companion.model import (
-    CLEAR,
-    HIT,
-    UNKNOWN,
-    Beam,
-    DepthFrame,
-    Input,
-    Measurement,
-    Observation,
-    PlanarScan,
-    Pose,
-)
+from companion.model import CLEAR, HIT, UNKNOWN, Beam, DepthFrame, Input, Measurement, Observation, PlanarScan, Pose
 from companion.perception import Extractor
 from companion.perception.look import bin_bearings
 from tests.perception.observations import (
@@ -114,13 +103,7 @@ class TestBeams:
         for nothing in (None, BEAM_LIMIT_M):
             assert extractor().measure(observed(AT_START, OPEN, {Beam.DOWN: H_M, Beam.UP: nothing})).roof_m is None
 
-    @pytest.mark.parametrize(
-        "delay_s",
-        [
-            0.0,
-            pytest.param(0.01),
-        ],
-    )
+    @pytest.mark.parametrize("delay_s", [0.0, 0.01])
     def test_what_a_beam_saw_is_remembered(self, delay_s: float) -> None:
         """Protects the wall beside the vehicle, as a curve, where only the side beam sees it."""
         extract = extractor()

@@ -31,6 +31,7 @@ from sitl.scene.raycast import RayCaster
 from sitl.scene.render import DepthRenderer
 from sitl.scene.sensors import SensorRig
 from sitl.sim.vehicle import Vehicle
+from tests.shared.clocks import HandClock
 
 SETTINGS = Settings(
     sensors=SensorSettings(
@@ -39,19 +40,6 @@ SETTINGS = Settings(
 )
 CAMERA = SETTINGS.sensors.camera.model()
 BINS = 90
-
-
-class HandClock:
-    """A clock that the test sets."""
-
-    def __init__(self, t_s: float = 0.0) -> None:
-        self.t_s = t_s
-
-    def now_s(self) -> float:
-        return self.t_s
-
-    async def sleep(self, time_s: float) -> None:
-        self.t_s += time_s
 
 
 def make_info(settings: Settings = SETTINGS, seed: int = 1) -> FlightInfo:
@@ -113,16 +101,16 @@ def fly_in_room(
     rng = np.random.default_rng(to_navigator)
     info = FlightInfo.of(settings, rng)
     explorer = Explorer(settings, rng)
-    clock = HandClock()
+    clock = HandClock(0.0)
     with Recorder(file, record or RecordSettings(), info, clock) as recorder:
         for _ in range(round(duration_s / settings.control.period_s)):
-            clock.t_s = vehicle.pose.t_s
+            clock.time_s = vehicle.pose.t_s
             observation = rig.observe(vehicle.pose)
-            exploring = clock.t_s >= 1.0
+            exploring = clock.time_s >= 1.0
             setpoint: Setpoint | None = None
             if exploring:
                 # As in a fleet, where (11) changes H while flying.
-                explorer.navigator.height_m = 1.5 if clock.t_s < duration_s / 2.0 else 1.3
+                explorer.navigator.height_m = 1.5 if clock.time_s < duration_s / 2.0 else 1.3
                 steering = explorer.step(observation)
                 measurement, setpoint = steering.measurement, steering.setpoint
                 vehicle.command(setpoint)
@@ -130,7 +118,7 @@ def fly_in_room(
                 measurement = explorer.look(observation)
             status = explorer.navigator.status
             height_m = explorer.navigator.height_m
-            record_tick = (clock.t_s, observation, measurement, setpoint, status.mode, exploring, height_m, 0.001)
+            record_tick = (clock.time_s, observation, measurement, setpoint, status.mode, exploring, height_m, 0.001)
             recorder.tick(Tick(*record_tick, stepped=exploring))
             vehicle.step(settings.control.period_s)
             while recorder.recording and recorder.waiting > 4:

@@ -16,6 +16,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,29 +35,32 @@ from companion.recording.observation import decode, encode
 from companion.recording.process import LoadMeter
 from companion.recording.read import depth_image, fields, log_line
 from companion.recording.writing import RecordingFile, Writing
-from tests.recording.flights import SETTINGS, HandClock, make_frame, make_info, make_tick
+from tests.recording.flights import SETTINGS, make_frame, make_info, make_tick
+from tests.shared.beside import wait_until
+from tests.shared.clocks import HandClock
 
 anything = st.floats(width=64)
 poses = st.builds(Pose, *[anything] * 11)
 
 
-def wait_until_written(recorder: Recorder) -> None:
-    for _ in range(2000):
-        if not recorder.waiting or not recorder.recording:
-            return
-        time.sleep(0.005)
-    raise AssertionError("the recorder does not write")
+def recorder_of(file: Path, clock: HandClock | None = None, **settings: Any) -> Recorder:
+    return Recorder(file, RecordSettings(**settings), make_info(), clock or HandClock(0.0))
+
+
+def written(recorder: Recorder) -> None:
+    """Wait until all that was handed over is in the file."""
+    wait_until(lambda: not recorder.waiting or not recorder.recording, "written")
 
 
 def record(file: Path, seconds: float, *, frames: bool = True) -> Recorder:
     clock = HandClock(100.0)
-    with Recorder(file, RecordSettings(), make_info(), clock) as recorder:
+    with recorder_of(file, clock) as recorder:
         recorder.event("engaged", "exploring")
         for n in range(round(seconds * 20)):
-            clock.t_s = 100.0 + n / 20.0
-            recorder.tick(make_tick(clock.t_s, frame=make_frame(clock.t_s) if frames and n % 4 == 0 else None))
+            clock.time_s = 100.0 + n / 20.0
+            recorder.tick(make_tick(clock.time_s, frame=make_frame(clock.time_s) if frames and n % 4 == 0 else None))
             if n % 20 == 0:
-                wait_until_written(recorder)
+                written(recorder)
     return recorder
 
 
@@ -198,11 +202,11 @@ def test_times_follow_the_application_not_the_wall_clock(tmp_path: Path, monkeyp
     """Protects the order of the file: NTP sets the clock back an hour in flight, and the record says so."""
     file, clock = tmp_path / "flight.mcap", HandClock(50.0)
     began_ns = time.time_ns()
-    with Recorder(file, RecordSettings(), make_info(), clock) as recorder:
+    with recorder_of(file, clock) as recorder:
         for n in range(60):
-            clock.t_s = 50.0 + n / 20.0
-            recorder.tick(make_tick(clock.t_s))
-            wait_until_written(recorder)
+            clock.time_s = 50.0 + n / 20.0
+            recorder.tick(make_tick(clock.time_s))
+            written(recorder)
             if n == 30:
                 monkeypatch.setattr(time, "time_ns", lambda: began_ns - 3_600_000_000_000)
             time.sleep(0.025)
@@ -216,7 +220,7 @@ def test_times_follow_the_application_not_the_wall_clock(tmp_path: Path, monkeyp
 def test_a_tick_without_a_pose_leaves_a_gap(tmp_path: Path) -> None:
     """There is nothing in it that could be flown again, and the numbers of the ticks must not say that one is lost."""
     file = tmp_path / "flight.mcap"
-    with Recorder(file, RecordSettings(), make_info(), HandClock()) as recorder:
+    with recorder_of(file) as recorder:
         for tick in (make_tick(1.0), replace(make_tick(1.05), observation=None, measurement=None), make_tick(1.1)):
             recorder.tick(tick)
     assert recorder.problem is None
@@ -231,7 +235,7 @@ def test_a_stamp_that_is_no_time_ends_nothing(tmp_path: Path, t_s: float) -> Non
     seen, _ = make_tick(1.0, frame=make_frame(1.0)).known()
     seen = replace(seen, pose=replace(seen.pose, t_s=t_s, yaw_rad=math.nan))
     bad = replace(make_tick(1.0), observation=seen)
-    with Recorder(file, RecordSettings(), make_info(), HandClock()) as recorder:
+    with recorder_of(file) as recorder:
         recorder.tick(bad)
         recorder.tick(replace(bad, observation=replace(seen, t_s=t_s)))
         recorder.tick(make_tick(2.0))
@@ -263,12 +267,12 @@ def test_recording_blocks_for_less_than_5_ms(tmp_path: Path, monkeypatch: pytest
     for name in ("tick", "now_and_then"):
         monkeypatch.setattr(Writing, name, timed(getattr(Writing, name)))
     monkeypatch.setattr(writing_module, "FLUSH_S", 0.0)  # every chunk is finished at once, as seldom happens
-    with Recorder(tmp_path / "flight.mcap", RecordSettings(), make_info(), HandClock()) as recorder:
+    with recorder_of(tmp_path / "flight.mcap") as recorder:
         for n in range(40):
             began = time.thread_time()
             recorder.tick(make_tick(n / 20.0, frame=frame))
             handed.append(time.thread_time() - began)
-            wait_until_written(recorder)
+            written(recorder)
     assert recorder.problem is None
     assert recorder.frames_dropped == 0
     assert len(held) >= 80
@@ -288,7 +292,7 @@ def test_a_slow_disk_costs_images_first_then_ticks(tmp_path: Path, monkeypatch: 
         return write(self, data)
 
     monkeypatch.setattr(RecordingFile, "write", slow)
-    with Recorder(tmp_path / "flight.mcap", RecordSettings(), make_info(), HandClock()) as recorder:
+    with recorder_of(tmp_path / "flight.mcap") as recorder:
         began = time.perf_counter()
         for n in range(record_module.WAITING + 100):
             recorder.tick(make_tick(n / 20.0, frame=make_frame(n / 20.0) if n < 20 else None))
@@ -313,7 +317,7 @@ def test_a_disk_that_hangs_does_not_hold_the_end_up(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(RecordingFile, "write", lambda self, data: (go.wait(20.0), write(self, data))[1])
     monkeypatch.setattr(record_module, "CLOSE_S", 0.2)
     began = time.perf_counter()
-    recorder = Recorder(tmp_path / "flight.mcap", RecordSettings(), make_info(), HandClock())
+    recorder = recorder_of(tmp_path / "flight.mcap")
     with recorder:
         thread = recorder._thread
     assert time.perf_counter() - began < 2.0
@@ -369,10 +373,7 @@ def test_unwritable_place_does_not_end_the_flight(tmp_path: Path, where: str, ca
     """A folder that cannot be made, a file that is there already and must not be overwritten."""
     (tmp_path / "a file").write_text("x")
     (tmp_path / "there.mcap").write_text("x")
-    with (
-        caplog.at_level(logging.WARNING),
-        Recorder(tmp_path / where, RecordSettings(), make_info(), HandClock()) as recorder,
-    ):
+    with caplog.at_level(logging.WARNING), recorder_of(tmp_path / where) as recorder:
         recorder.tick(make_tick(0.0))
         recorder.event("x", "y")
         assert not recorder.recording
@@ -395,7 +396,7 @@ def test_an_error_of_our_own_does_not_end_the_flight(tmp_path: Path, monkeypatch
 
 def test_switched_off_it_makes_no_file(tmp_path: Path) -> None:
     """``record.enabled: false`` is no error."""
-    with Recorder(tmp_path / "x" / "f.mcap", RecordSettings(enabled=False), make_info(), HandClock()) as recorder:
+    with recorder_of(tmp_path / "x" / "f.mcap", enabled=False) as recorder:
         recorder.tick(make_tick(0.0))
     assert recorder.problem is None
     assert list(tmp_path.iterdir()) == []
@@ -403,20 +404,17 @@ def test_switched_off_it_makes_no_file(tmp_path: Path) -> None:
 
 def test_size_is_limited_and_images_go_first(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """Protects the disk, on which the map still has to be written."""
-    path, clock = tmp_path / "flight.mcap", HandClock()
+    path, clock = tmp_path / "flight.mcap", HandClock(0.0)
     camera = replace(SETTINGS.sensors.camera.model(), width_px=320, height_px=240)
     frame = make_frame(0.0, camera)
-    with (
-        caplog.at_level(logging.WARNING),
-        Recorder(path, RecordSettings(largest_mb=10.0), make_info(), clock) as recorder,
-    ):
+    with caplog.at_level(logging.WARNING), recorder_of(path, clock, largest_mb=10.0) as recorder:
         for n in range(2000):
-            clock.t_s = n / 20.0
+            clock.time_s = n / 20.0
             # Images fill the first 8 MB, a long log the rest.
-            recorder.tick(make_tick(clock.t_s, frame=frame if n < 60 else None))
+            recorder.tick(make_tick(clock.time_s, frame=frame if n < 60 else None))
             if n >= 60:
                 recorder.event("long", "x" * 9000)
-            wait_until_written(recorder)
+            written(recorder)
     assert "limit of 10 MB" in (recorder.problem or "")
     assert 9.0e6 < path.stat().st_size <= 10.0e6
     recording = open_recording(path)
@@ -566,7 +564,7 @@ def test_load_of_this_process_and_its_children() -> None:
 def test_mode_changes_are_events(tmp_path: Path) -> None:
     """Who reads the log must not search the curves for them."""
     file = tmp_path / "flight.mcap"
-    with Recorder(file, RecordSettings(), make_info(), HandClock()) as recorder:
+    with recorder_of(file) as recorder:
         for n, mode in enumerate((Mode.CIRCLE, Mode.CIRCLE, Mode.TANGENT, Mode.HOLD)):
             recorder.tick(make_tick(n / 20.0, mode=mode))
     lines = [log_line(entry).text for entry in open_recording(file).entries() if entry.topic == Topic.LOG]

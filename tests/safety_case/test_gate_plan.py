@@ -103,9 +103,7 @@ class TestRefusal:
         assert "ranges_stale" not in said
 
     def test_a_threshold_that_is_left_out_is_called_null(self) -> None:
-        assert "safety.stale.setpoint_s = null" in refused(
-            {"safety": {"stale": {"pose_s": 1.0}}},
-        )
+        assert "safety.stale.setpoint_s = null" in refused({"safety": {"stale": {"pose_s": 1.0}}})
 
     def test_what_the_pilot_is_only_told_of_does_not_count(self) -> None:
         lines = {line.fault: line for line in stopping_lines(Settings())}

@@ -23,7 +23,7 @@ from companion.sensors.sink import DEPTH, PLANAR, RawDepth, RawPlanar, SensorSin
 from companion.sensors.stuck import MOVED_M
 from companion.sensors.synchronizer import Synchronizer
 from tests.perception.scenes import FLOOR, H_M, ROOF, render, wall_ahead, wall_beside
-from tests.sensors.clocks import HandClock
+from tests.shared.clocks import HandClock
 
 SMALL = CameraSettings(width_px=64, height_px=48)
 CAMERA = SMALL.model()
@@ -89,7 +89,7 @@ class Flight:
         """Fly on; what is measured in each tick."""
         measured = []
         while (now_s := START_S + self._tick * PERIOD_S) < end_s - 1e-9:
-            self.clock.now = now_s
+            self.clock.time_s = now_s
             self._sense(self._way(now_s), now_s)
             self._tick += 1
             observation = self._inputs.observe(now_s)
@@ -98,7 +98,7 @@ class Flight:
         return measured
 
     def reasons(self, stream: str) -> set[str]:
-        return set(self.sink.statistics(self.clock.now)[stream].reasons)
+        return set(self.sink.statistics(self.clock.time_s)[stream].reasons)
 
     def _sense(self, pose: Pose, now_s: float) -> None:
         self._poses.add_attitude(now_s, 0.0, 0.0, pose.yaw_rad, pose.yaw_rate_radps)
@@ -346,8 +346,7 @@ def test_a_frozen_beam_counts_again_when_it_changes() -> None:
     """A driver that hung and recovered is a driver that works."""
     heal_s = FAULT_AT_S + 4.0
     flight = Flight(
-        climbing,
-        Faults(beam=lambda r: replace(r, range_m=1.7) if r.beam is Beam.DOWN and r.t_s < heal_s else r),
+        climbing, Faults(beam=lambda r: replace(r, range_m=1.7) if r.beam is Beam.DOWN and r.t_s < heal_s else r)
     )
     assert flight.until(heal_s)[-1].h_m is None
     assert flight.until(heal_s + 3 * PERIOD_S)[-1].missing == ()

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from companion.model import Beam, Camera, RangeReading
 from companion.sensors import sink as words
 from companion.sensors.sink import DEPTH, PLANAR, STREAMS, RawDepth, RawPlanar, SensorSink
-from tests.sensors.clocks import HandClock
+from tests.shared.clocks import HandClock
 
 NOW_S = 100.0
 CAMERA = Camera(4, 3, 2.0, 2.0, 1.5, 1.0, 0.25, 10.0)
@@ -163,8 +163,7 @@ def test_a_stamp_that_does_not_rise_is_refused(sink: SensorSink, again_s: float)
 
 
 @pytest.mark.parametrize(
-    ("said", "kept"),
-    [(None, None), (math.nan, None), (math.inf, 8.0), (9.5, 9.5), (0.0, 0.0), (np.float64(1.5), 1.5)],
+    ("said", "kept"), [(None, None), (math.nan, None), (math.inf, 8.0), (9.5, 9.5), (0.0, 0.0), (np.float64(1.5), 1.5)]
 )
 def test_missing_is_none_and_infinity_is_free_to_the_limit(
     sink: SensorSink, said: float | None, kept: float | None
@@ -204,16 +203,16 @@ def test_one_pixel_among_many_is_found(sink: SensorSink) -> None:
 def test_rate_and_age(sink: SensorSink, clock: HandClock) -> None:
     """What pre-flight and the pilot are told: 10 Hz is 10 Hz from the first second on, and falls when it stops."""
     for i in range(50):
-        clock.now = NOW_S + 0.1 * i
-        sink.ranges([reading(clock.now - 0.02)])
+        clock.time_s = NOW_S + 0.1 * i
+        sink.ranges([reading(clock.time_s - 0.02)])
         if i in (10, 49):
-            assert sink.statistics(clock.now)["front"].rate_hz == pytest.approx(10.0, rel=0.06)
-    assert sink.statistics(clock.now)["front"].age_s == pytest.approx(0.02)
-    stopped = sink.statistics(clock.now + 1.0)["front"]
+            assert sink.statistics(clock.time_s)["front"].rate_hz == pytest.approx(10.0, rel=0.06)
+    assert sink.statistics(clock.time_s)["front"].age_s == pytest.approx(0.02)
+    stopped = sink.statistics(clock.time_s + 1.0)["front"]
     assert stopped.rate_hz == pytest.approx(5.0, abs=0.6)
     assert stopped.age_s == pytest.approx(1.02)
-    assert sink.statistics(clock.now + 10.0)["front"].rate_hz == 0.0
-    assert set(sink.statistics(clock.now)) == set(STREAMS)
+    assert sink.statistics(clock.time_s + 10.0)["front"].rate_hz == 0.0
+    assert set(sink.statistics(clock.time_s)) == set(STREAMS)
 
 
 def test_one_reading_is_no_rate(sink: SensorSink) -> None:

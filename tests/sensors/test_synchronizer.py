@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from companion.config.sensors import CameraSettings
-from companion.model import Beam, RangeReading
+from companion.model import Beam, Observation, RangeReading
 from companion.pose_buffer import PoseBuffer
 from companion.sensors.sink import DEPTH, FROZEN, RawDepth, RawPlanar, SensorSink
 from companion.sensors.synchronizer import POSE_WAIT_S, Synchronizer
-from tests.autopilot.fake_link import HandClock
+from tests.shared.clocks import HandClock
 
 CAMERA = replace(CameraSettings().model(), width_px=4, height_px=3)
 YAW_RATE_RADPS = 0.6
@@ -31,6 +31,12 @@ class Scene:
     def pose(self, t_s: float) -> None:
         self.poses.add_attitude(t_s, 0.0, 0.0, YAW_RATE_RADPS * (t_s - 100.0), YAW_RATE_RADPS)
         self.poses.add_position(t_s, 0.0, 0.0, 1.5, 0.0, 0.0, 0.0)
+
+    def observe(self, now_s: float) -> Observation:
+        self.clock.time_s = now_s
+        seen = self.inputs.observe(now_s)
+        assert seen is not None
+        return seen
 
     def image(self, t_s: float) -> None:
         # What it sees changes with the heading.
@@ -50,9 +56,7 @@ def test_an_image_taken_in_a_turn_gets_the_pose_of_its_exposure() -> None:
     for i in range(5):
         scene.pose(100.0 + 0.02 * i)
     scene.image(100.03)
-    scene.clock.time_s = 100.08
-    seen = scene.inputs.observe(100.08)
-    assert seen is not None
+    seen = scene.observe(100.08)
     assert seen.frame is not None
     assert seen.frame.t_s == 100.03
     assert seen.frame.pose.yaw_rad == pytest.approx(YAW_RATE_RADPS * 0.03, abs=1e-9)
@@ -64,13 +68,11 @@ def test_an_image_waits_for_its_pose() -> None:
     scene.pose(100.0)
     scene.clock.time_s = 100.1
     scene.image(100.1)
-    first = scene.inputs.observe(100.1)
-    assert first is not None
+    first = scene.observe(100.1)
     assert first.frame is None
     scene.pose(100.09)
     scene.pose(100.11)
-    second = scene.inputs.observe(100.15)
-    assert second is not None
+    second = scene.observe(100.15)
     assert second.frame is not None
     assert second.frame.pose.yaw_rad == pytest.approx(YAW_RATE_RADPS * 0.1, abs=1e-9)
     assert scene.inputs.unpaired == 0
@@ -96,13 +98,11 @@ def test_an_image_whose_pose_never_comes_is_dropped_and_counted() -> None:
     scene.clock.time_s = 100.1
     scene.image(100.1)
     for now_s in (100.1, 100.2, 100.1 + POSE_WAIT_S + 0.01):
-        seen = scene.inputs.observe(now_s)
-        assert seen is not None
+        seen = scene.observe(now_s)
         assert seen.frame is None
     assert scene.inputs.unpaired == 1
     scene.pose(100.3)
-    late = scene.inputs.observe(100.45)
-    assert late is not None
+    late = scene.observe(100.45)
     assert late.frame is None
 
 
@@ -115,8 +115,7 @@ def test_a_frozen_image_is_left_out_counted_and_logged_now_and_then(caplog: pyte
         scene.clock.time_s = now_s
         scene.pose(now_s)
         scene.sink.depth(RawDepth(now_s, np.full((3, 4), 2.0, np.float32), CAMERA))
-        seen = scene.inputs.observe(now_s)
-        assert seen is not None
+        seen = scene.observe(now_s)
         frames += seen.frame is not None
     # 2° at 0.6 rad/s: the first picture, and one more 0.05 s later.
     assert frames == 2
@@ -136,8 +135,7 @@ def test_scans_are_placed_too_and_ranges_need_not_be() -> None:
     scene.sink.planar(RawPlanar(100.02, bearings_rad, np.full(36, 3.0), 10.0))
     down = RangeReading(Beam.DOWN, 100.03, 1.5, 8.0)
     scene.sink.ranges([down])
-    seen = scene.inputs.observe(100.05)
-    assert seen is not None
+    seen = scene.observe(100.05)
     assert seen.planar is not None
     assert seen.planar.pose.yaw_rad == pytest.approx(YAW_RATE_RADPS * 0.02, abs=1e-9)
     assert seen.ranges == (down,)

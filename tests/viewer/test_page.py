@@ -15,6 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sitl.launch.processes import free_tcp_port
+
 pytest.importorskip("viser", reason="pip install mine-companion[ground]")
 
 from companion.cli import main as cli
@@ -28,15 +30,9 @@ from companion.viewer.voxels import PackedVoxels, State
 from tests.viewer.maps import nothing, tunnel
 
 
-def free_port() -> int:
-    with closing(socket.socket()) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 def served(voxels: PackedVoxels, most_points: int = 1_000_000) -> Iterator[Page]:
     way = {"trajectory.csv": np.array([[0.5, 1.0, 0.5], [5.5, 1.0, 0.5]])}
-    with serve(voxels, "mission/map.journal", way, "127.0.0.1", free_port(), most_points) as page:
+    with serve(voxels, "mission/map.journal", way, "127.0.0.1", free_tcp_port(), most_points) as page:
         yield page
 
 
@@ -129,7 +125,7 @@ def test_ctrl_c_ends_the_command(tmp_path: Path) -> None:
     with Journal.open(tmp_path / "map.journal", Header.of(MapSettings())) as journal:
         values = np.where(OFFSETS[:, 2] > 8, 2000, -1000).astype(np.int16)
         journal.append(MapPiece(np.zeros((1, 3), np.int32), values[None]))
-    port = free_port()
+    port = free_tcp_port()
     with subprocess.Popen(
         [sys.executable, "-m", "companion", "map", "view", str(tmp_path), "--port", str(port)],
         stdout=subprocess.PIPE,

@@ -1,4 +1,4 @@
-"""The picture of a map: that places on it are places in the map."""
+"""The picture of a map and what it is drawn from: places, the way flown, packed voxels."""
 
 from __future__ import annotations
 
@@ -9,6 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from companion.errors import InputError
+from companion.viewer.trajectory import trajectories
+from companion.viewer.voxels import State
+from tests.viewer.maps import nothing, tunnel
+
 pytest.importorskip("matplotlib", reason="pip install mine-companion[ground]")
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -18,7 +23,6 @@ from matplotlib.text import Text
 
 from companion.viewer.picture import SECTION_PX, map_figure, round_length_m, write_picture
 from companion.viewer.voxels import PackedVoxels
-from tests.viewer.maps import nothing, tunnel
 
 FREE_COLOUR, PAPER_COLOUR = (222, 233, 241), (255, 255, 255)
 
@@ -136,3 +140,65 @@ def test_nothing_half_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 def test_scale_bars_are_round(least: float, length: float) -> None:
     """Protects the scale bar from numbers that nobody reads."""
     assert round_length_m(least) == pytest.approx(length)
+
+
+# The way flown, from the files beside a map.
+
+
+def test_every_file_is_a_way(tmp_path: Path) -> None:
+    """Protects missions with several vehicles; rows without a position are left out, not drawn at the origin."""
+    (tmp_path / "trajectory-1.csv").write_text("t_s,x_m,y_m,z_m\n0,1,2,3\n1,,2,3\n2,nan,2,3\n3,4,5,6\n")
+    (tmp_path / "trajectory-2.csv").write_text("t_s,x_m,y_m,z_m\n")
+    found = trajectories(tmp_path)
+    assert found["trajectory-1.csv"].tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert found["trajectory-2.csv"].shape == (0, 3)
+
+
+def test_the_map_is_in_the_frame_of_the_estimate(tmp_path: Path) -> None:
+    """Protects simulated missions with drift: the true way would not lie in the map that the vehicle made."""
+    columns = "x_m,y_m,z_m,estimated_x_m,estimated_y_m,estimated_z_m"
+    (tmp_path / "trajectory.csv").write_text(f"{columns}\n0,0,0,1,2,3\n")
+    assert trajectories(tmp_path)["trajectory.csv"].tolist() == [[1, 2, 3]]
+
+
+@pytest.mark.parametrize("text", ["time,lat,lon\n0,1,2\n", "x_m,y_m,z_m\n1,two,3\n", ""])
+def test_a_file_of_something_else_is_named(tmp_path: Path, text: str) -> None:
+    """Protects from a traceback: one message with the file, and what to do."""
+    (tmp_path / "trajectory.csv").write_text(text)
+    with pytest.raises(InputError, match=r"trajectory\.csv: .* move it away to see the map without it"):
+        trajectories(tmp_path)
+
+
+# Packed voxels: that they say what the map says, and what of it is shown coarser.
+
+
+def coordinates(state: State, level: int = 0) -> set[tuple[int, ...]]:
+    return {tuple(row) for numbers in tunnel().numbers(state, level) for row in numbers.tolist()}
+
+
+def test_every_voxel_is_where_it_is_in_the_map() -> None:
+    """Protects the place and the state of each voxel, on both sides of the origin."""
+    free = {(x, y, z) for x in range(60) for y in range(20) for z in range(12)}
+    around = {(x, y, z) for x in range(-1, 61) for y in range(-1, 21) for z in range(-1, 13)}
+    assert coordinates(State.FREE) == free
+    assert coordinates(State.OCCUPIED) == around - free
+    assert coordinates(State.UNDECIDED) == {(-9, 0, 0)}
+    assert [tunnel().count(state) for state in State] == [len(around - free), len(free), 1]
+
+
+@pytest.mark.parametrize("level", [1, 2, 3, 4])
+def test_a_wall_shows_in_every_coarser_cube_that_it_touches(level: int) -> None:
+    """Protects from walls that vanish when a large map is shown coarser; free is what is free by half."""
+    edge = 2**level
+    walls = {tuple(part // edge for part in voxel) for voxel in coordinates(State.OCCUPIED)}
+    assert coordinates(State.OCCUPIED, level) == walls
+    free = [tuple(part // edge for part in voxel) for voxel in coordinates(State.FREE)]
+    cubes, counts = np.unique(np.array(free), axis=0, return_counts=True)
+    assert coordinates(State.FREE, level) == {tuple(row) for row in cubes[counts >= edge**3 // 2].tolist()}
+
+
+def test_an_empty_map() -> None:
+    """Protects a flight that saw nothing: no chunks, no voxels, no error."""
+    assert len(nothing().chunks) == 0
+    assert [nothing().count(state) for state in State] == [0, 0, 0]
+    assert list(nothing().numbers(State.FREE)) == []

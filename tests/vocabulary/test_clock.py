@@ -126,12 +126,7 @@ def test_answers_about_another_clock_are_not_believed() -> None:
     assert alignment.offset_s == pytest.approx(500.01)
 
 
-@given(
-    st.lists(
-        st.tuples(st.sampled_from(["trip", "one way"]), st.floats(), st.floats(), st.floats()),
-        max_size=40,
-    )
-)
+@given(st.lists(st.tuples(st.sampled_from(["trip", "one way"]), st.floats(), st.floats(), st.floats()), max_size=40))
 def test_no_number_that_comes_in_makes_nan_come_out(events: list[tuple[str, float, float, float]]) -> None:
     """Protects every stamp from one malformed message."""
     alignment = ClockAlignment()

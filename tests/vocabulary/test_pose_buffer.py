@@ -103,10 +103,7 @@ def test_both_kinds_are_needed() -> None:
 numbers = st.floats(allow_nan=True, allow_infinity=True)
 
 
-@given(
-    st.lists(st.tuples(st.booleans(), *[numbers] * 7), max_size=30),
-    st.lists(numbers, max_size=10),
-)
+@given(st.lists(st.tuples(st.booleans(), *[numbers] * 7), max_size=30), st.lists(numbers, max_size=10))
 def test_no_number_that_comes_in_makes_nan_come_out(
     samples: list[tuple[bool, float, float, float, float, float, float, float]], asked: list[float]
 ) -> None:

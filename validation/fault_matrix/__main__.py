@@ -1,7 +1,10 @@
-"""The whole fault matrix, or a part of it.
+"""The fault matrix, or a part of it: each fault is injected into a real flight of real processes towards a wall.
 
 python -m validation.fault_matrix [--jobs N] [--only NAME ...] [--personality P] [--json FILE [--resume]] [--keep DIR]
                               [--write-docs] [--list]
+
+Autopilot, relay, gate, application, relay, world: everything runs on this computer, over MAVLink and the sensors'
+stream, as on a vehicle. What is measured is what went over the wire and where the vehicle truly was.
 
 The outcomes are in the file after every flight, so that an hour of flights can be broken off and gone on with. The exit
 code is 0 when every flight ended as it must, 1 when one did not, 2 for wrong input.

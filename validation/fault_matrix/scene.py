@@ -91,7 +91,6 @@ class Flight:
 
     @property
     def mapper_pid(self) -> int:
-        """The process of the map."""
         found = map_process(self.flyer_pid)
         if found is None:
             raise SceneError("the application has no process of the map")
@@ -241,7 +240,6 @@ class _Server:
 
 
 def _serve(stack: contextlib.ExitStack, folder: Path, name: str, arguments: Sequence[str]) -> _Server:
-    """Start it."""
     log = folder / f"{name}.log"
     with log.open("wb") as written:
         process = subprocess.Popen(

@@ -144,14 +144,7 @@ def _blinding_depth(
     name: str, what: str, inject: Callable[[Flight], None], limit_s: float = STALE.depth_s
 ) -> Injection:
     return Injection(
-        f"depth {name}",
-        "depth camera",
-        what,
-        inject,
-        STOPPED,
-        limit_s=limit_s,
-        careless=True,
-        verify=_all_changed(0),
+        f"depth {name}", "depth camera", what, inject, STOPPED, limit_s=limit_s, careless=True, verify=_all_changed(0)
     )
 
 

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.integration.own_thread import OwnThread
+from tests.shared.beside import OwnThread
 
 LOOK_S = 0.02
 NOTED_S = 0.02

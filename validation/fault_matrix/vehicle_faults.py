@@ -67,9 +67,7 @@ def _hands_off(flight: Flight) -> str | None:
 
 
 # The flight begins at the origin and leads east.
-_FENCED = {
-    "safety": {"fence": {"east_m": [-20.0, round(TO_WALL_M - FENCE_M, 3)]}, "pose": {"jump_m": JUMP_M}},
-}
+_FENCED = {"safety": {"fence": {"east_m": [-20.0, round(TO_WALL_M - FENCE_M, 3)]}, "pose": {"jump_m": JUMP_M}}}
 
 
 VEHICLE_FAULTS = (

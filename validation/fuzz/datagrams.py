@@ -6,7 +6,7 @@ import asyncio
 import random
 import struct
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -16,12 +16,11 @@ from companion.autopilot.interface import Message
 from companion.autopilot.link import MavsdkLink
 from companion.autopilot.telemetry import Telemetry
 from companion.clock import MonotonicClock
-from companion.config.autopilot import AutopilotSettings
 from companion.config.settings import Settings
 from companion.flight.operator_commands import OperatorCommands
 from companion.flight.phase import PhaseMachine
-from tests.autopilot.responder import Responder, free_port
-from tests.autopilot.udp_transport import UdpTransport
+from tests.autopilot.loopback import Responder, linked
+from tests.shared.beside import until
 from validation.fuzz.hostile import spoiled_often
 
 LARGEST_DATAGRAM = 65_507
@@ -110,32 +109,26 @@ class Line:
         """The heartbeat is received, a command is answered, and what comes is not late."""
         heartbeats = self.link.watch("HEARTBEAT")
         count = heartbeats.count
-        await until(lambda: heartbeats.count > count)
+        await until(lambda: heartbeats.count > count, "a heartbeat", RECOVERS_S)
         assert heartbeats.newest is not None
         assert (heartbeats.newest.system_id, heartbeats.newest.component_id) == (1, 1)
         assert await self.link.command(21, 1.0, timeout_s=RECOVERS_S) == 0
-        await until(lambda: bool(self.seen) and abs(self.seen[-1].fields["yaw"] - self.autopilot.yaw_rad) < 1e-3)
+        await until(
+            lambda: bool(self.seen) and abs(self.seen[-1].fields["yaw"] - self.autopilot.yaw_rad) < 1e-3,
+            "the attitude of now",
+            RECOVERS_S,
+        )
         self.telemetry.state(self.clock.now_s())
         assert all(text.text.isprintable() for text in self.telemetry.texts)
         assert not self.operator.start.is_set()
         self.telemetry.ask(self.clock.now_s())
 
 
-async def until(true: Callable[[], bool]) -> None:
-    """Wait for something."""
-    async with asyncio.timeout(RECOVERS_S):
-        while not true():  # noqa: ASYNC110 - counted in other threads
-            await asyncio.sleep(0.01)
-
-
 @asynccontextmanager
 async def line() -> AsyncIterator[Line]:
     """A link over loopback to a small autopilot."""
-    port = free_port()
-    settings = AutopilotSettings(url=f"udpin://127.0.0.1:{port}", connect_timeout_s=20.0, command_timeout_s=2.0)
-    with Responder(port) as autopilot:
-        async with MavsdkLink(settings, MonotonicClock(), UdpTransport(port)) as link:
-            yield Line(link, autopilot)
+    async with linked() as (link, autopilot):
+        yield Line(link, autopilot)
 
 
 def memory_mb() -> float:

@@ -36,7 +36,8 @@ from companion.recording import Recorder
 from companion.sensors.drivers.mavlink import MavlinkDriver
 from companion.sensors.sink import RawDepth, SensorSink
 from companion.sensors.synchronizer import Synchronizer
-from tests.autopilot.fake_link import FakeLink, HandClock
+from tests.autopilot.fake_link import FakeLink
+from tests.shared.clocks import HandClock
 
 SETTINGS = Settings(
     sensors=SensorSettings(camera=CameraSettings(width_px=32, height_px=24), planar=PlanarSettings(enabled=True))

@@ -26,7 +26,7 @@ from companion.recording import FlightInfo, Recorder, open_recording
 from companion.recording.content import ENDED, ENGAGED, Topic
 from companion.recording.flight_stats import figures, render
 from companion.recording.replay import replay
-from tests.autopilot.fake_link import HandClock
+from tests.shared.clocks import HandClock
 from validation.fuzz.flying import CAMERA, SETTINGS, WALL_M
 from validation.fuzz.hostile import extreme, no_number, spoiled_json, spoiled_often
 

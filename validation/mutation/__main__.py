@@ -28,17 +28,14 @@ mavlink.signing
 mavlink.mode_monitor
 mavlink.modes
 mavlink.estimator
-mavlink.text
 safety_case.stopping_budget
 """
 FOLDER = Path(__file__).parents[2]
 TESTS = """
-gate/test_allowlist gate/test_escalation gate/test_failsafe_actions gate/test_fault_monitor gate/test_gate_allowlist
-gate/test_gate_faults gate/test_gate_flight gate/test_gate_hearing gate/test_gate_notices gate/test_gate_orders
-gate/test_gate_requests gate/test_gate_setpoint_places gate/test_gate_setpoints gate/test_gate_stages gate/test_geofence
-gate/test_motion gate/test_outgoing gate/test_protocol_and_plan gate/test_setpoint_limits gate/test_vehicle
-mavlink/test_codec mavlink/test_estimator mavlink/test_mode_monitor mavlink/test_modes mavlink/test_position_jump
-mavlink/test_signing mavlink/test_text safety_case/test_stopping_budget
+gate/test_allowlist gate/test_escalation gate/test_failsafe_actions gate/test_fault_monitor gate/test_gate_faults
+gate/test_gate_flight gate/test_gate_hearing gate/test_gate_setpoints gate/test_gate_stages gate/test_motion
+gate/test_outgoing gate/test_protocol_and_plan gate/test_setpoint_limits gate/test_vehicle mavlink/test_codec
+mavlink/test_mode_monitor mavlink/test_readings mavlink/test_signing safety_case/test_stopping_budget
 """
 
 

@@ -193,7 +193,6 @@ def codes(code: CodeType) -> list[CodeType]:
 
 
 def _apply(module: ModuleType, mutant: Mutant) -> None:
-    """Put a change into the running program."""
     compiled = compile(mutant.tree, str(module.__file__), "exec")
     if mutant.constant:
         before = getattr(module, mutant.constant)

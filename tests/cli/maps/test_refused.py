@@ -12,7 +12,7 @@ import pytest
 from companion.cli.maps import sources
 from companion.mapping.files import write
 from companion.mapping.journal import Journal
-from tests.cli.maps.missions import HEADER, Run, journal_at, room, tree
+from tests.cli.maps.conftest import HEADER, Run, journal_at, room, tree
 
 COMMANDS = ("info", "export", "merge", "view")
 

@@ -15,7 +15,8 @@ from companion.flight.preflight import CheckResult, check_names, refusal, render
 from companion.mavlink.firmware import AutopilotKind
 from companion.sensors.statistics import StreamStatistics
 from sitl.launch.settings import OF_PERSONALITY
-from tests.autopilot.fake_link import FakeLink, HandClock
+from tests.autopilot.fake_link import FakeLink
+from tests.shared.clocks import HandClock
 
 PX4, ARDUPILOT = AutopilotKind.PX4, AutopilotKind.ARDUPILOT
 
@@ -160,64 +161,28 @@ async def test_a_vehicle_with_which_everything_is_right_may_fly(kind: AutopilotK
     assert bench.link.params == before, "--fix changes only what is wrong"
 
 
-def _armed(bench: Bench) -> None:
-    bench.armed = True
-
-
-def _empty(bench: Bench) -> None:
-    bench.battery = 20
-
-
-def _unknown_battery(bench: Bench) -> None:
-    bench.battery = -1
-
-
-def _lost(bench: Bench) -> None:
-    bench.healthy = False
-
-
-def _no_streams(bench: Bench) -> None:
-    bench.streams = False
-
-
-def _no_depth(bench: Bench) -> None:
-    del bench.inputs["depth"]
-
-
-def _slow_depth(bench: Bench) -> None:
-    bench.inputs["depth"] = reading(2.0)
-
-
-def _stale_beam(bench: Bench) -> None:
-    bench.inputs["down"] = reading(10.0, age_s=1.0)
-
-
-def _no_height(bench: Bench) -> None:
-    bench.height_m = None
-
-
-def _impossible_height(bench: Bench) -> None:
-    bench.height_m = 3.0
-
-
 @pytest.mark.parametrize(
-    ("spoil", "failed"),
+    ("changed", "inputs", "failed"),
     [
-        (_armed, ["disarmed"]),
-        (_empty, ["battery"]),
-        (_unknown_battery, ["battery"]),
-        (_lost, ["estimator"]),
-        (_no_streams, ["attitude", "position", "estimator"]),
-        (_no_depth, ["depth"]),
-        (_slow_depth, ["depth"]),
-        (_stale_beam, ["down"]),
-        (_no_height, ["height"]),
-        (_impossible_height, ["height"]),
+        pytest.param({"armed": True}, {}, ["disarmed"], id="armed"),
+        pytest.param({"battery": 20}, {}, ["battery"], id="empty"),
+        pytest.param({"battery": -1}, {}, ["battery"], id="unknown battery"),
+        pytest.param({"healthy": False}, {}, ["estimator"], id="lost"),
+        pytest.param({"streams": False}, {}, ["attitude", "position", "estimator"], id="no streams"),
+        pytest.param({}, {"depth": None}, ["depth"], id="no depth"),
+        pytest.param({}, {"depth": reading(2.0)}, ["depth"], id="slow depth"),
+        pytest.param({}, {"down": reading(10.0, age_s=1.0)}, ["down"], id="stale beam"),
+        pytest.param({"height_m": None}, {}, ["height"], id="no height"),
+        pytest.param({"height_m": 3.0}, {}, ["height"], id="impossible height"),
     ],
 )
-async def test_each_fault_fails_its_own_check(spoil: Any, failed: list[str], tmp_path: Path) -> None:
+async def test_each_fault_fails_its_own_check(
+    changed: dict[str, Any], inputs: dict[str, StreamStatistics | None], failed: list[str], tmp_path: Path
+) -> None:
     bench = Bench(PX4, tmp_path)
-    spoil(bench)
+    for name, value in changed.items():
+        setattr(bench, name, value)
+    bench.inputs = {name: one for name, one in (bench.inputs | inputs).items() if one is not None}
     assert (await bench.failures()) == failed
     message = refusal(bench.results)
     assert message is not None

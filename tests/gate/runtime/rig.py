@@ -113,7 +113,6 @@ class Rig:
         )
 
     def now_s(self) -> float:
-        """The gate's time: the clock, and what a test has added to it."""
         return time.monotonic() + self.offset_s
 
     def _beat(self, data: bytes, now_s: float) -> None:
@@ -121,14 +120,12 @@ class Rig:
         self.gate_on_word(data, now_s)
 
     def turn_until(self, true: Callable[[], object]) -> None:
-        """Turn the loop until something has come about."""
         give_up_s = time.monotonic() + 20.0
         while not true():
             assert time.monotonic() < give_up_s, self.words()
             self.loop.turn()
 
     def turn_for(self, duration_s: float) -> None:
-        """Turn the loop for so long."""
         until_s = time.monotonic() + duration_s
         self.turn_until(lambda: time.monotonic() > until_s)
 
@@ -144,7 +141,6 @@ class Rig:
         self.do("waiting.clear()")
 
     def do(self, script: str) -> None:
-        """Have the child do something."""
         assert self.supervisor.child is not None
         assert self.supervisor.child._socket.send(f"do {script}".encode())
 

@@ -21,6 +21,7 @@ from companion.gate.runtime import processes
 from companion.gate.runtime.child import BUFFER_BYTES, MOST_PACKETS, Child
 from companion.mavlink.codec import Frame
 from tests.gate.built import frame
+from tests.shared.beside import wait_until
 
 T = TypeVar("T")
 
@@ -45,13 +46,6 @@ def started(script: str, *inherit: int) -> Iterator[Child]:
             os.waitpid(child.pid, 0)
 
 
-def until(true: Callable[[], object]) -> None:
-    until_s = time.monotonic() + 20.0
-    while not true():
-        assert time.monotonic() < until_s
-        time.sleep(0.002)
-
-
 def gathered(more: Callable[[], list[T]], count: int = 1) -> list[T]:
     """What comes until there are so many."""
     found: list[T] = []
@@ -60,7 +54,7 @@ def gathered(more: Callable[[], list[T]], count: int = 1) -> list[T]:
         found.extend(more())
         return len(found) >= count
 
-    until(enough)
+    wait_until(enough)
     return found
 
 
@@ -81,7 +75,7 @@ gate.send(b"heard: " + gate.recv(2000)[6:])
         child.send(b"attitude")
         child.notify(Notice(Stage.BRAKE, Fault.DEPTH_STALE, "brake: depth_stale"))
         assert said(child, 2) == [b"heard: attitude", b"heard: brake: depth_stale"]
-        until(lambda: not child.receive() and child.silent)
+        wait_until(lambda: not child.receive() and child.silent)
         assert child.fileno() is None
         assert child.receive() == []
         assert child.unsent == 0
@@ -134,7 +128,7 @@ time.sleep(60)
             return b"done" in more
 
         time.sleep(0.5)
-        until(last)
+        wait_until(last)
         assert max(counts) <= 3 * MOST_PACKETS
         # A packet takes at least 256 bytes of the buffer, which the kernel makes twice as large.
         assert 0 < len(found) / 3 < 2 * BUFFER_BYTES / 256 + MOST_PACKETS
@@ -181,10 +175,7 @@ def test_the_end_of_a_child_is_known_while_it_is_a_zombie(script: str, code: int
         assert processes.exit_code_of(child.pid) is None
         assert child.pid in processes.children()
         child.send(b"end")
-        deadline_s = time.monotonic() + 10.0
-        while processes.exit_code_of(child.pid) is None:
-            assert time.monotonic() < deadline_s
-            time.sleep(0.01)
+        wait_until(lambda: processes.exit_code_of(child.pid) is not None)
         assert processes.exit_code_of(child.pid) == code
         assert child.pid not in processes.children()
         assert os.waitpid(child.pid, os.WNOHANG)[0] == child.pid

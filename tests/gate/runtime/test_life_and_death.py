@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 from dataclasses import replace
 
 import pytest
@@ -15,6 +14,7 @@ from companion.gate.runtime import processes, supervisor
 from companion.gate.runtime.supervisor import LEAVE_S, LOOK_S, REST_S
 from tests.gate.built import PLAN, frame
 from tests.gate.runtime.rig import ATTITUDE, HEARTBEAT, rigged
+from tests.shared.beside import wait_until
 
 ARMED = frame("HEARTBEAT", component=1, autopilot=12, base_mode=128)
 
@@ -35,10 +35,7 @@ def test_one_that_is_left_sees_the_end_of_its_socket() -> None:
         child = rig.supervisor.child
         assert child is not None
         rig.supervisor.close()
-        deadline_s = time.monotonic() + 10.0
-        while not [code for pid, code in processes.deaths() if pid == child.pid]:
-            assert time.monotonic() < deadline_s, "its loop ends with the socket"
-            time.sleep(0.01)
+        wait_until(lambda: child.pid in dict(processes.deaths()), "its loop ends with the socket")
         rig.supervisor.child = None
         rig.supervisor.close()
 

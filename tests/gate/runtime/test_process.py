@@ -1,12 +1,15 @@
-"""The process from its plan to its exit code, and what it says when it cannot begin."""
+"""The process from its plan to its exit code, what it says when it cannot begin, and who asks it to end."""
 
 from __future__ import annotations
 
 import os
 import runpy
+import signal
 import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -18,8 +21,10 @@ from companion.gate.plan import Attached, Plan, Signing
 from companion.gate.protocol import Goodbye
 from companion.gate.runtime import main as process
 from companion.gate.runtime import processes as precedence
+from companion.gate.runtime.signals import Signals
+from companion.gate.runtime.supervisor import GONE_S, LOOK_S, REST_S
 from tests.gate.built import PLAN
-from tests.gate.runtime.rig import HOST, bound
+from tests.gate.runtime.rig import ATTITUDE, HOST, Rig, bound, rigged
 
 
 def whole(**changes: Any) -> Plan:
@@ -127,3 +132,82 @@ def test_a_plan_that_is_none_is_refused(capfd: pytest.CaptureFixture[str]) -> No
     assert main_module.main(("--plan-fd", plan_fd("{}"))) == 2
     assert main_module.main(("--plan-fd", "1000000")) == 2
     assert capfd.readouterr().err.count("the gate cannot read its plan: ") == 2
+
+
+# Who asks the gate to end: whom it asks in turn, and when it stays all the same.
+
+
+@pytest.mark.parametrize(
+    ("sent", "heard"), [(signal.SIGTERM, b"SIGTERM"), (signal.SIGINT, b"SIGINT"), (signal.SIGHUP, b"SIGTERM")]
+)
+def test_who_asks_the_gate_for_the_end_asks_the_application(sent: signal.Signals, heard: bytes) -> None:
+    """Protects the flight's own way to end: the application lands, and the gate stays until it has."""
+    with rigged() as rig:
+        rig.up()
+        signal.pthread_kill(threading.get_ident(), signal.SIGQUIT)
+        signal.pthread_kill(threading.get_ident(), sent)
+        rig.turn_until(lambda: heard in rig.beats)
+        assert rig.supervisor.exit_code is None
+        assert b"STOPPING=1" in rig.service_heard()
+
+
+def test_ctrl_c_reaches_the_application_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The terminal has given it to the whole group already."""
+    with rigged() as rig:
+        rig.up()
+        came = [SimpleNamespace(si_signo=signal.SIGINT, si_code=128)]
+        monkeypatch.setattr(signal, "sigtimedwait", lambda *_: came.pop() if came else None)
+        rig.turn_for(0.05)
+        assert not came
+        assert b"SIGINT" not in rig.beats
+        # No start follows when it dies now.
+        rig.do("os.kill(os.getpid(), 9)")
+        assert_gives_up(rig)
+
+
+def assert_gives_up(rig: Rig) -> None:
+    rig.has_died()
+    rig.offset_s += REST_S + LOOK_S
+    assert rig.loop.run() == 1
+
+
+def test_in_the_air_the_gate_outlives_a_dead_application_also_when_it_is_asked_to_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It brings the vehicle down; only an autopilot that is gone is not waited for."""
+    monkeypatch.setattr(Gate, "airborne", True)
+    with rigged() as rig:
+        rig.up()
+        rig.supervisor.request_end(None)
+        rig.do("os.kill(os.getpid(), 9)")
+        rig.has_died()
+        rig.offset_s += REST_S + LOOK_S
+        rig.loop.turn()
+        rig.say(ATTITUDE)
+        rig.turn_until(lambda: rig.now_s() - rig.loop._heard_s < 1.0)
+        rig.turn_for(0.05)
+        assert rig.supervisor.exit_code is None
+        signal.pthread_kill(threading.get_ident(), signal.SIGTERM)
+        rig.turn_for(0.05)
+        assert rig.supervisor.exit_code is None
+        rig.offset_s += GONE_S
+        assert rig.loop.run() == 1
+
+
+def test_signals_are_as_they_were_afterwards() -> None:
+    """Protects whatever the process does after the gate."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ()), signal.getsignal(signal.SIGCHLD)
+    signals = Signals()
+    signals.drain()
+    # A flood of them ends too.
+    signals.requests()
+    signals.close()
+    assert (signal.pthread_sigmask(signal.SIG_BLOCK, ()), signal.getsignal(signal.SIGCHLD)) == before
+
+
+def test_signals_are_taken_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protects the cycle from a flood of signals."""
+    signals = Signals()
+    monkeypatch.setattr(signal, "sigtimedwait", lambda *_: SimpleNamespace(si_signo=15, si_code=0))
+    assert signals.requests() == [signal.SIGTERM] * 16
+    signals.close()

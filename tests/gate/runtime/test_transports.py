@@ -8,7 +8,7 @@ import pty
 import socket
 import termios
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
 import serial
@@ -19,6 +19,7 @@ from companion.gate.runtime.transports import Transport, open_transport
 from companion.gate.runtime.udp import MOST_FRAMES, PEER_SILENT_S
 from companion.mavlink.codec import Frame
 from tests.gate.built import frame
+from tests.shared.beside import wait_until
 
 HOST = "127.0.0.1"
 HEARTBEAT = frame("HEARTBEAT", component=1, autopilot=12)
@@ -50,13 +51,6 @@ def heard(transport: Transport, now_s: float = 0.0, count: int = 1) -> list[Fram
 def ticked(transport: Transport, now_s: float) -> Transport:
     transport.tick(now_s)
     return transport
-
-
-def until(true: Callable[[], bool]) -> None:
-    until_s = time.monotonic() + 5.0
-    while not true():
-        assert time.monotonic() < until_s
-        time.sleep(0.001)
 
 
 @contextlib.contextmanager
@@ -114,7 +108,7 @@ def test_udpin_answers_the_first_that_beats_and_nobody_else() -> None:
         autopilot.sendto(HEARTBEAT.raw, (HOST, port))
         assert heard(transport) == [HEARTBEAT]
         other.sendto(HEARTBEAT.raw, (HOST, port))
-        until(lambda: not transport.receive(PEER_SILENT_S) and transport.strangers == 1)
+        wait_until(lambda: not transport.receive(PEER_SILENT_S) and transport.strangers == 1)
         transport.send(b"setpoint")
         assert autopilot.recv(100) == b"setpoint"
 
@@ -128,13 +122,13 @@ def test_udpin_follows_an_autopilot_that_comes_back_at_another_address() -> None
         # Not by anything but a heartbeat of ours, by the autopilot itself.
         for wrong in (ATTITUDE, frame("HEARTBEAT", component=191), frame("HEARTBEAT", component=1, system=2)):
             again.sendto(wrong.raw, (HOST, port))
-        until(lambda: not transport.receive(late_s) and transport.strangers == 3)
+        wait_until(lambda: not transport.receive(late_s) and transport.strangers == 3)
         again.sendto(b"no message", (HOST, port))
         again.sendto(HEARTBEAT.raw, (HOST, port))
         assert heard(transport, late_s) == [HEARTBEAT]
         # Garbage from it does not keep it in its place.
         again.sendto(b"garbage", (HOST, port))
-        until(lambda: not transport.receive(late_s + 1.0) and transport.reader.bad == 2)
+        wait_until(lambda: not transport.receive(late_s + 1.0) and transport.reader.bad == 2)
         transport.send(b"setpoint")
         assert again.recv(100) == b"setpoint"
 
@@ -240,13 +234,13 @@ def test_tcpin_lets_one_client_in_at_a_time() -> None:
         assert transport.unsent == 1
         first = socket.create_connection((HOST, port))
         with first:
-            until(lambda: transport.receive(0.0) == [] and transport.fileno() != entry)
+            wait_until(lambda: transport.receive(0.0) == [] and transport.fileno() != entry)
             assert transport.receive(0.0) == []
             second = socket.create_connection((HOST, port))
             with second:
                 # In any pieces.
                 first.sendall(HEARTBEAT.raw[:7])
-                until(lambda: transport.receive(0.0) == [] and transport.fileno() != entry)
+                wait_until(lambda: transport.receive(0.0) == [] and transport.fileno() != entry)
                 first.sendall(HEARTBEAT.raw[7:])
                 assert heard(transport) == [HEARTBEAT]
                 transport.send(b"setpoint")
@@ -255,9 +249,9 @@ def test_tcpin_lets_one_client_in_at_a_time() -> None:
                 # Half a message is left behind: it is not the beginning of what the next client says.
                 first.sendall(ATTITUDE.raw[:9])
                 first.close()
-                until(lambda: transport.receive(0.2) == [] and transport.fileno() == entry)
+                wait_until(lambda: transport.receive(0.2) == [] and transport.fileno() == entry)
                 assert transport.problem == "closed by the other end"
-                until(lambda: transport.receive(0.3) == [] and transport.fileno() != entry)
+                wait_until(lambda: transport.receive(0.3) == [] and transport.fileno() != entry)
                 assert transport.problem == ""
                 second.sendall(ATTITUDE.raw)
                 assert heard(transport, 0.3) == [ATTITUDE]
@@ -268,10 +262,10 @@ def test_tcp_that_is_reset_is_lost_and_nothing_raises() -> None:
     with opened(f"tcpin://{HOST}:{port}") as transport:
         entry = transport.fileno()
         client = socket.create_connection((HOST, port))
-        until(lambda: transport.receive(0.0) == [] and transport.fileno() != entry)
+        wait_until(lambda: transport.receive(0.0) == [] and transport.fileno() != entry)
         client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
         client.close()
-        until(lambda: transport.receive(0.0) == [] and transport.fileno() == entry)
+        wait_until(lambda: transport.receive(0.0) == [] and transport.fileno() == entry)
         transport.send(b"x")
         assert transport.unsent == 1
 
@@ -280,7 +274,7 @@ def test_tcpout_connects_loses_and_connects_again() -> None:
     listener = bound(socket.SOCK_STREAM)
     port = listener.getsockname()[1]
     with opened(f"tcpout://{HOST}:{port}") as transport:
-        until(lambda: bool(ticked(transport, 0.0).problem))
+        wait_until(lambda: bool(ticked(transport, 0.0).problem))
         assert transport.fileno() is None
         assert transport.problem == "[Errno 111] Connection refused"
         listener.listen(1)
@@ -292,16 +286,16 @@ def test_tcpout_connects_loses_and_connects_again() -> None:
             transport.tick(now_s)
             return transport.fileno() is not None
 
-        until(connected)
+        wait_until(connected)
         server, _ = listener.accept()
         server.sendall(HEARTBEAT.raw)
         assert heard(transport, now_s) == [HEARTBEAT]
         server.close()
-        until(lambda: transport.receive(now_s) == [] and transport.fileno() is None)
+        wait_until(lambda: transport.receive(now_s) == [] and transport.fileno() is None)
         transport.tick(now_s)
         assert transport.fileno() is None
         now_s += RETRY_S
-        until(connected)
+        wait_until(connected)
     listener.close()
 
 
@@ -323,7 +317,7 @@ def test_a_stream_that_is_not_read_keeps_nothing_old() -> None:
         client.connect((HOST, port))
         with client:
             entry = transport.fileno()
-            until(lambda: transport.receive(0.0) == [] and transport.fileno() != entry)
+            wait_until(lambda: transport.receive(0.0) == [] and transport.fileno() != entry)
             for _ in range(1000):
                 transport.send(b"y" * 250)
             assert transport.unsent > 100
@@ -385,9 +379,9 @@ def test_serial_carries_messages_and_survives_unplugging() -> None:
         os.write(far, HEARTBEAT.raw + ATTITUDE.raw)
         assert heard(transport, count=2) == [HEARTBEAT, ATTITUDE]
         transport.send(b"setpoint")
-        until(lambda: os.read(far, 100) == b"setpoint")
+        wait_until(lambda: os.read(far, 100) == b"setpoint")
         os.close(far)
-        until(lambda: transport.receive(5.0) == [] and transport.fileno() is None)
+        wait_until(lambda: transport.receive(5.0) == [] and transport.fileno() is None)
         transport.send(b"gone")
         assert transport.unsent == 1
         transport.tick(5.1)

@@ -21,11 +21,13 @@ from companion.errors import CompanionError
 from companion.mapping import VoxelMap
 from companion.mapping.frontiers.surveyor import survey
 from companion.mapping.process import server, supervisor
-from companion.mapping.process.client import MapError
+from companion.mapping.process.client import MapClient, MapError
 from companion.mapping.process.journaled_map import JournaledMap
 from companion.mapping.process.messages import OfferedFrame
-from tests.mapping.process.workers import CAMERA, child_of, give, gone, images, mapper, until
+from companion.model import MOST_RAYS, DepthFrame, PlanarScan
+from tests.mapping.process.workers import CAMERA, HIGH_M, LOW_M, child_of, give, gone, images, mapper
 from tests.mapping.voxels import scenes
+from tests.shared.beside import until, wait_until
 
 
 async def test_the_map_of_the_process_is_the_map(tmp_path: Path) -> None:
@@ -228,10 +230,7 @@ def test_the_map_ends_with_a_killed_application(tmp_path: Path) -> None:
         assert application.stderr is not None
         pid = int(application.stdout.readline())
         application.kill()
-        end_s = time.monotonic() + 20.0
-        while not gone(pid):
-            assert time.monotonic() < end_s, "the map outlived its application"
-            time.sleep(0.05)
+        wait_until(lambda: gone(pid), "the map ends with its application", timeout_s=20.0)
         assert application.stderr.read() == b"", "warnings about what was left"
     ours = {path for path in Path("/dev/shm").iterdir() if path.name.startswith(("pym-", "psm_"))}  # noqa: S108
     assert ours <= before
@@ -262,3 +261,76 @@ def test_the_places_flown_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
         pose = dataclasses.replace(scenes.pose(float(n), 0.0, 1.5), vx_mps=0.5)
         maps._put(OfferedFrame(0, 0, float(n), pose, CAMERA))
     assert [place[0] for place in maps._flown] == [7.0, 8.0, 9.0]
+
+
+# Several cameras and a planar scanner in front of one map.
+
+
+BACK = scenes.camera(40, 30, mount_yaw_rad=math.pi)
+AT = scenes.pose(0.0, 0.0, 1.5)
+
+
+def behind() -> DepthFrame:
+    """What a smaller camera sees that looks back."""
+    return scenes.frame(BACK, AT, scenes.room_depth(BACK, AT, LOW_M, HIGH_M))
+
+
+def scan(rays: int = 90, **changes: float) -> PlanarScan:
+    """One turn in the middle of the room, in which the nearest wall is 3 m away."""
+    bearings_rad = np.linspace(-math.pi, math.pi, rays, endpoint=False)
+    return PlanarScan(0.0, bearings_rad, np.full(rays, changes.get("range_m", 2.5)), 8.0, AT)
+
+
+async def test_two_cameras_and_a_scanner_make_one_map() -> None:
+    """Protects from a map that knows one size of image, and the slow sensors from a fast one."""
+    frames = images(4)
+    here = VoxelMap(MapSettings())
+    for frame in (*frames, behind()):
+        here.integrate(frame)
+    here.integrate_scan(scan())
+
+    async def fly() -> None:
+        async with mapper(cameras=(CAMERA, BACK)) as maps:
+            await give(maps, frames)
+            assert maps.offer(behind(), source=1)
+            await until(lambda: maps.status.frames == 5, "the other camera's")
+            assert maps.offer_scan(scan())
+            await until(lambda: maps.status.scans == 1, "the scan")
+            await until(lambda: maps.status.occupied == here.counts().occupied, "as many voxels as here")
+            assert not maps.offer(frames[0], source=1), "not the size of that camera"
+            assert not maps.offer_scan(scan(rays=MOST_RAYS + 1))
+            assert maps.offer_scan(PlanarScan(0.0, scan().bearings_rad, scan().ranges_m, 8.0, scenes.pose(math.nan)))
+            await until(lambda: maps.status.refused == 3, "refused")
+            assert (maps.status.frames, maps.status.scans) == (5, 1)
+            assert 0.0 < maps.status.frame_ms < 1000.0
+            assert maps.status.memory_bytes > 100_000
+            await flood(maps, frames[0])
+
+    async def flood(maps: MapClient, frame: DepthFrame) -> None:
+        """One camera's images only, as fast as can be: the others keep their room, and drops are counted."""
+        before = maps.status.dropped
+        os.kill(child_of(maps), signal.SIGSTOP)
+        try:
+            for _ in range(50):
+                maps.offer(frame)
+            assert maps.status.dropped == before + 47
+            assert maps.offer(behind(), source=1)
+            assert [maps.offer_scan(scan()) for _ in range(5)] == [True] * 3 + [False] * 2
+            assert maps.status.dropped == before + 49
+        finally:
+            os.kill(child_of(maps), signal.SIGCONT)
+        await until(lambda: (maps.status.frames, maps.status.scans) == (9, 4), "those that were taken")
+
+    await fly()
+
+
+def test_a_camera_s_word_for_nothing_frees_nothing() -> None:
+    """Protects from a wall that is flown through: 65.535 m of a 16-bit camera is no look into the distance."""
+    free, said_nothing = VoxelMap(MapSettings()), VoxelMap(MapSettings(saturated_m=65.535))
+    for voxels in (free, said_nothing):
+        voxels.integrate(scenes.frame(CAMERA, AT, 65.535))
+        voxels.integrate_scan(scan(range_m=65.535))
+    assert len(free.snapshot().free()) > 1000
+    assert len(said_nothing.snapshot().free()) == 0
+    said_nothing.integrate(scenes.frame(CAMERA, AT, 65.53))
+    assert len(said_nothing.snapshot().free()) > 1000, "only what is at the limit says nothing"

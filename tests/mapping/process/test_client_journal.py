@@ -22,8 +22,9 @@ from companion.mapping.process.client import MapError
 from companion.mapping.process.journaled_map import BYTES_PER_MB, JournaledMap, disk_problem
 from companion.mapping.voxels.piece import MapSource
 from companion.model import DepthFrame
-from tests.mapping.process.workers import CAMERA, child_of, give, images, mapper, until
+from tests.mapping.process.workers import CAMERA, child_of, give, images, mapper
 from tests.mapping.voxels import scenes
+from tests.shared.beside import until
 
 
 def here(frames: list[DepthFrame]) -> VoxelMap:

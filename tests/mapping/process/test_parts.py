@@ -1,16 +1,20 @@
-"""The small parts of the map's process, without a process."""
+"""The small parts of the map's process, and how the process is started."""
 
 from __future__ import annotations
 
+import time
 from multiprocessing import get_context
+from multiprocessing.connection import Connection
 
 import numpy as np
 import pytest
 
+from companion.mapping.process import supervisor
 from companion.mapping.process.client import Tally
-from companion.mapping.process.messages import OfferedFrame
+from companion.mapping.process.messages import FromMap, OfferedFrame, Preparing, Ready, ToMap
 from companion.mapping.process.server import Waiting
 from companion.mapping.process.slots import SLOTS, SlotRing
+from companion.mapping.process.supervisor import MapSupervisor
 from tests.mapping.voxels import scenes
 
 
@@ -77,3 +81,35 @@ def test_every_offer_is_counted_once() -> None:
     tally.kept(frames=0, scans=0)
     assert tally.died(waiting=0) == 1
     assert (tally.in_map("frames"), tally.lost) == (7, 5)
+
+
+# How the process of the map is started.
+
+
+STAGE_S, STAGES = 1.5, 4
+
+
+def slow_to_start(pipe: Connection[FromMap, ToMap]) -> None:
+    """Be a map on a small computer."""
+    for number in range(STAGES):
+        pipe.send(Preparing(f"compiling part {number}"))
+        time.sleep(STAGE_S)
+    pipe.send(Ready())
+    pipe.recv()
+
+
+async def test_a_process_that_says_what_it_is_at_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A small computer compiles for many minutes: only silence is given up."""
+    monkeypatch.setattr(supervisor, "SILENT_TIMEOUT_S", 0.8 * STAGES * STAGE_S)
+    heard: list[FromMap] = []
+
+    async def start() -> bool:
+        process = MapSupervisor(get_context("spawn"), slow_to_start, (), heard.append, lambda: 0)
+        await process.begin()
+        try:
+            return process.is_ready
+        finally:
+            await process.close()
+
+    assert await start()
+    assert [type(message) for message in heard] == [Preparing] * STAGES + [Ready]

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 import dataclasses
 import math
 import os
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +15,7 @@ from companion.config.mapping import MapSettings
 from companion.mapping.process.client import MapClient
 from companion.model import DepthFrame
 from tests.mapping.voxels import scenes
+from tests.shared.beside import until
 
 CAMERA = scenes.camera(80, 60)
 LOW_M, HIGH_M = np.array([-4.0, -3.0, 0.0]), np.array([4.0, 3.0, 3.0])
@@ -36,14 +34,6 @@ def images(count: int = 12) -> list[DepthFrame]:
 def mapper(folder: Path | None = None, **options: Any) -> MapClient:
     settings = options.pop("settings", MapSettings())
     return MapClient(settings, options.pop("cameras", (CAMERA,)), ControlSettings(), folder, **options)
-
-
-async def until(true: Callable[[], bool], what: str, timeout_s: float = 60.0) -> None:
-    """Wait for something that another process has to do."""
-    end_s = time.monotonic() + timeout_s
-    while not true():
-        assert time.monotonic() < end_s, f"still not: {what}"
-        await asyncio.sleep(0.02)
 
 
 async def give(maps: MapClient, frames: list[DepthFrame]) -> None:

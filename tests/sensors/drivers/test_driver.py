@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from importlib.metadata import EntryPoint, EntryPoints
-from typing import cast
 
 import pytest
 
@@ -16,8 +15,8 @@ from companion.errors import InputError
 from companion.sensors.drivers import driver
 from companion.sensors.drivers.driver import DriverContext, SensorDriver, load_drivers
 from companion.sensors.sink import SensorSink
-from tests.sensors.clocks import HandClock
-from tests.sensors.drivers.links import FakeLink
+from tests.autopilot.fake_link import FakeLink
+from tests.shared.clocks import HandClock
 
 ENTRIES = (
     EntryPoint("stream", "companion.sensors.drivers.stream:create", driver.GROUP),
@@ -39,7 +38,7 @@ def _offered(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def context(link: Link | None = None) -> DriverContext:
-    return DriverContext(HandClock(), link)
+    return DriverContext(HandClock(100.0), link)
 
 
 def named(*names: str) -> Settings:
@@ -49,11 +48,11 @@ def named(*names: str) -> Settings:
 @pytest.mark.parametrize("name", ["stream", "mavlink"])
 async def test_every_driver_stops_when_it_is_cancelled(name: str) -> None:
     """The contract: found by its name, runs until cancelled, is gone then, and can be run again."""
-    (loaded,) = load_drivers(named(name), context(cast("Link", FakeLink())))
+    (loaded,) = load_drivers(named(name), context(FakeLink(HandClock(100.0))))
     assert isinstance(loaded, SensorDriver)
     assert loaded.name == name
     for _ in range(2):
-        task = asyncio.create_task(loaded.run(SensorSink(HandClock())))
+        task = asyncio.create_task(loaded.run(SensorSink(HandClock(100.0))))
         await asyncio.sleep(0.05)
         assert not task.done(), "a device that is not there is waited for"
         task.cancel()
@@ -65,7 +64,7 @@ async def test_every_driver_stops_when_it_is_cancelled(name: str) -> None:
 
 def test_drivers_come_in_the_order_of_the_settings() -> None:
     """Several at once: depth from a process, ranges from the autopilot."""
-    loaded = load_drivers(named("mavlink", "stream"), context(cast("Link", FakeLink())))
+    loaded = load_drivers(named("mavlink", "stream"), context(FakeLink(HandClock(100.0))))
     assert [found.name for found in loaded] == ["mavlink", "stream"]
 
 

@@ -7,20 +7,21 @@ import contextlib
 import math
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.autopilot.interface import Link, LinkError
+from companion.mavlink.ids import MavCmd
 from companion.model import Beam, RangeReading
 from companion.sensors.drivers import mavlink
 from companion.sensors.drivers.mavlink import DISTANCE, OBSTACLES, MavlinkDriver, planar_scan
 from companion.sensors.sink import SensorSink, Taken
-from tests.sensors.clocks import HandClock
-from tests.sensors.drivers.links import FakeLink
+from tests.autopilot.fake_link import FakeLink
+from tests.shared.beside import until
+from tests.shared.clocks import HandClock
 
 NOW_S = 100.0
 
@@ -43,18 +44,18 @@ class Bench:
 
     def __init__(self) -> None:
         self.clock = HandClock(NOW_S)
-        self.link = FakeLink()
+        self.link = FakeLink(self.clock)
         self.sink = SensorSink(self.clock)
-        self.driver = MavlinkDriver(cast("Link", self.link), self.clock, {DISTANCE: 10.0, OBSTACLES: 5.0})
+        self.driver = MavlinkDriver(self.link, self.clock, {DISTANCE: 10.0, OBSTACLES: 5.0})
 
     def says(self, name: str, fields: dict[str, Any], received_s: float = NOW_S, **sender: int) -> Taken:
         """What is in the sink after that message."""
-        self.clock.now = max(self.clock.now, received_s)
-        self.link.arrives(name, fields, received_s, **sender)
+        self.clock.time_s = received_s
+        self.link.deliver(name, fields, **sender)
         return self.sink.take()
 
     def reasons(self, stream: str) -> set[str]:
-        return set(self.sink.statistics(self.clock.now)[stream].reasons)
+        return set(self.sink.statistics(self.clock.time_s)[stream].reasons)
 
 
 @asynccontextmanager
@@ -252,12 +253,10 @@ async def test_silent_messages_are_asked_for_and_coming_ones_are_not(monkeypatch
     monkeypatch.setattr(mavlink, "SILENT_S", 0.01)
     monkeypatch.setattr(mavlink, "ASK_AGAIN_S", 0.02)
     async with bench() as b:
-        b.link.fails = LinkError("no answer")
+        b.link.results = {MavCmd.SET_MESSAGE_INTERVAL: None}
         b.says(DISTANCE, distance(), NOW_S)
-        async with asyncio.timeout(5.0):
-            for _ in range(2):
-                await b.link.asked.acquire()
-        assert set(b.link.commands) == {(511, 330.0, 200_000.0)}
+        await until(lambda: len(b.link.commands) >= 2)
+        assert set(b.link.commands) == {(MavCmd.SET_MESSAGE_INTERVAL, (330.0, 200_000.0))}
 
 
 async def test_after_the_end_nothing_is_taken() -> None:

@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import math
 import os
-import socket
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -23,7 +22,9 @@ from companion.sensors.drivers.messages import Ping
 from companion.sensors.drivers.stream import NO_CAMERA, NOT_ALIGNED, StreamDriver
 from companion.sensors.drivers.stream_server import MOST_CLIENTS, StreamServer
 from companion.sensors.sink import DEPTH, SensorSink
-from tests.sensors.clocks import AheadClock
+from sitl.launch.processes import free_tcp_port
+from tests.shared.beside import until
+from tests.shared.clocks import AheadClock
 
 CAMERA = Camera(8, 6, 4.0, 4.0, 3.5, 2.5, 0.25, 10.0)
 DEPTH_M = np.full((6, 8), 2.5, np.float32)
@@ -45,20 +46,6 @@ async def running(url: str) -> AsyncIterator[tuple[StreamDriver, SensorSink]]:
         task.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await task
-
-
-async def until(true: Callable[[], object], act: Callable[[], object] = lambda: None) -> None:
-    """Wait for something to become true, doing something every few milliseconds meanwhile."""
-    async with asyncio.timeout(PATIENCE_S):
-        while not true():
-            act()
-            await asyncio.sleep(0.005)
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @pytest.mark.parametrize("kind", ["tcp", "unix"])
@@ -91,22 +78,20 @@ async def test_everything_arrives_in_our_time(kind: str, tmp_path: Path) -> None
 
 async def test_a_stream_that_is_not_there_is_waited_for_and_taken_up_again() -> None:
     """The camera process starts late, and dies and comes back in flight: nobody restarts the application."""
-    url = f"tcp://127.0.0.1:{free_port()}"
+    url = f"tcp://127.0.0.1:{free_tcp_port()}"
     async with running(url) as (driver, sink):
         await until(lambda: "refused" in str(driver.problem) or "connect" in str(driver.problem).lower())
         for life in (1, 2):
             # The second one's clock is another: its offset must not be that of the first.
             clock = AheadClock(AHEAD_S * life)
             async with StreamServer(url, CAMERA, clock) as server:
+                before = sink.statistics(time.monotonic())[DEPTH].count
 
-                def publish(server: StreamServer = server, clock: AheadClock = clock) -> None:
+                def comes(server: StreamServer = server, clock: AheadClock = clock, before: int = before) -> bool:
                     server.publish_depth(clock.now_s(), DEPTH_M)
+                    return sink.statistics(time.monotonic())[DEPTH].count > before
 
-                def count() -> int:
-                    return sink.statistics(time.monotonic())[DEPTH].count
-
-                before = count()
-                await until(lambda before=before: count() > before, publish)  # type: ignore[misc]
+                await until(comes)
                 taken = sink.take().depth
                 assert taken is not None
                 assert abs(taken.t_s - time.monotonic()) < PATIENCE_S
@@ -160,10 +145,7 @@ async def test_frames_that_cannot_be_placed_in_time_are_dropped_by_name() -> Non
     async with server, running(f"tcp://127.0.0.1:{server.sockets[0].getsockname()[1]}") as (_, sink):
         await until(lambda: sink.statistics(time.monotonic())[DEPTH].dropped)
         assert set(sink.statistics(time.monotonic())[DEPTH].reasons) == {NOT_ALIGNED}
-    async with (
-        StreamServer("tcp://127.0.0.1:0", None, MonotonicClock()) as ours,
-        running(ours.url) as (driver, sink),
-    ):
+    async with StreamServer("tcp://127.0.0.1:0", None, MonotonicClock()) as ours, running(ours.url) as (driver, sink):
         await until(lambda: driver.residual_s is not None)
         for client in ours._clients:
             client.send(encode_depth(time.monotonic(), DEPTH_M), 0)
@@ -191,11 +173,12 @@ async def test_a_slow_client_misses_frames_and_costs_no_memory() -> None:
         async with running(server.url) as (driver, sink):
             await until(lambda: driver.residual_s is not None)
 
-            def publish() -> None:
+            def skips() -> bool:
                 server.publish_depth(time.monotonic(), depth_m)
                 server.publish_ranges([RangeReading(Beam.UP, time.monotonic(), 1.0, 8.0)] * 60)
+                return server.skipped > 300
 
-            await until(lambda: server.skipped > 300, publish)
+            await until(skips)
             waiting = [c._transport.get_write_buffer_size() for c in server._clients if c._transport is not None]
             # One image, the backlog of small messages, and one of those.
             assert max(waiting) < depth_m.nbytes + 4 * 65_536

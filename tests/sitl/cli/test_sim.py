@@ -22,7 +22,7 @@ from sitl.cli import sim
 from sitl.report import run_folder
 from sitl.sim import simulation
 from sitl.sim.flight_log import COLUMNS
-from tests.sitl.scene.test_raycast import box
+from tests.sitl.scene.test_render import box
 
 COMPANION = """
 import signal

@@ -17,7 +17,7 @@ from sitl.scene.raycast import RayCaster
 from sitl.world.contact_monitor import ContactMonitor, Look
 from sitl.world.placement import Scene
 from sitl.world.score_files import Trajectory, write_score
-from tests.sitl.scene.test_raycast import box
+from tests.sitl.scene.test_render import box
 
 SETTINGS = Settings()
 RADIUS_M = SETTINGS.vehicle.body_radius_m

@@ -7,9 +7,8 @@ import json
 import math
 import signal
 import socket
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pytest
@@ -21,6 +20,7 @@ from companion.config.settings import Settings
 from companion.model import Beam, Pose
 from companion.sensors.drivers.stream import StreamDriver
 from companion.sensors.sink import SensorSink, Taken
+from sitl.launch.processes import free_tcp_port, free_udp_ports
 from sitl.scene.raycast import RayCaster
 from sitl.world.connection import TruthUrl
 from sitl.world.mavlink_out import Feed
@@ -28,7 +28,8 @@ from sitl.world.odometry import OdometrySettings
 from sitl.world.placement import Scene
 from sitl.world.server import CONTACT, Plan, WorldServer
 from sitl.world.tasks import TERMINATED
-from tests.sitl.scene.test_raycast import box
+from tests.shared.beside import until
+from tests.sitl.scene.test_render import box
 from tests.sitl.world.messages import Ned, heartbeat, hil
 
 STAND = Pose(0.0, 5.0, 3.0, 0.15, math.pi / 2)
@@ -48,12 +49,6 @@ BOOT_YAW_RAD = 1.0
 def scene() -> Scene:
     world = box((0.0, 0.0, 0.0), (20.0, 6.0, 3.0))
     return Scene(world, RayCaster(world), STAND)
-
-
-def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 class FakeAutopilot(asyncio.DatagramProtocol):
@@ -94,11 +89,11 @@ class FakeAutopilot(asyncio.DatagramProtocol):
 
 
 class Stage:
-    """World, autopilot and a client of the stream, running."""
+    """World, autopilot and a client of the stream; running in a block, which ends when the world does."""
 
     def __init__(self, scene: Scene, **options: Any) -> None:
-        self.port = free_port()
-        stream = f"tcp://127.0.0.1:{free_port(socket.SOCK_STREAM)}"
+        (self.port,) = free_udp_ports(1)
+        stream = f"tcp://127.0.0.1:{free_tcp_port()}"
         clock = MonotonicClock()
         plan = Plan(TruthUrl("udp", "127.0.0.1", self.port), stream, **options)
         self.said: list[str] = []
@@ -107,30 +102,19 @@ class Stage:
         self.sink = SensorSink(clock)
         self.driver = StreamDriver(stream, clock)
 
-    async def play(self, act: Callable[[Stage], Any]) -> None:
-        """Runs ``act`` beside the others, then waits for the world to end by itself."""
-        others = [
-            asyncio.create_task(self.autopilot.run(self.port)),
-            asyncio.create_task(self.driver.run(self.sink)),
-        ]
-        acting = asyncio.create_task(act(self))
-        # What goes wrong on the stage ends the play at once.
-        acting.add_done_callback(
-            lambda task: None if task.cancelled() or not task.exception() else self.world.stop("failed")
-        )
-        try:
-            await asyncio.wait_for(self.world.run(), 30.0)
-            await acting
-        finally:
-            for task in (*others, acting):
-                task.cancel()
-            await asyncio.gather(*others, acting, return_exceptions=True)
+    async def __aenter__(self) -> Self:
+        running = (self.world.run(), self.autopilot.run(self.port), self.driver.run(self.sink))
+        self._running = [asyncio.create_task(one) for one in running]
+        return self
 
-    async def until(self, condition: Callable[[], bool]) -> None:
-        """Waits for something that must come within 10 s."""
-        async with asyncio.timeout(10.0):
-            while not condition():  # noqa: ASYNC110 - many kinds of conditions
-                await asyncio.sleep(0.01)
+    async def __aexit__(self, error: type[BaseException] | None, *_: object) -> None:
+        try:
+            if error is None:
+                await asyncio.wait_for(self._running[0], 30.0)
+        finally:
+            for task in self._running:
+                task.cancel()
+            await asyncio.gather(*self._running, return_exceptions=True)
 
     async def newest(self) -> Taken:
         """Readings that were all taken from now on, depth among them."""
@@ -147,7 +131,7 @@ async def test_what_the_vehicle_sees_is_what_stands_before_it(scene: Scene, tmp_
 
     And a SIGTERM ends it in good order, with the score of what happened.
     """
-    stage = Stage(
+    async with Stage(
         scene,
         feed=Feed.ODOMETRY,
         odometry=OdometrySettings(position_noise_m=0.0, drift_share=0.0, attitude_noise_rad=0.0),
@@ -156,10 +140,8 @@ async def test_what_the_vehicle_sees_is_what_stands_before_it(scene: Scene, tmp_
         gps=False,
         score=tmp_path / "score.json",
         trajectory=tmp_path / "trajectory.csv",
-    )
-
-    async def act(stage: Stage) -> None:
-        await stage.until(lambda: stage.sink.take().depth is not None)
+    ) as stage:
+        await until(lambda: stage.sink.take().depth is not None)
         stage.autopilot.up_m = 1.35
         await asyncio.sleep(0.3)
         stage.autopilot.ahead_m = 1.0
@@ -173,12 +155,10 @@ async def test_what_the_vehicle_sees_is_what_stands_before_it(scene: Scene, tmp_
         assert ranges[Beam.DOWN] == pytest.approx(1.5, abs=0.01)
         assert ranges[Beam.LEFT] == pytest.approx(5.0, abs=0.05)
         wanted = {"ODOMETRY", "DISTANCE_SENSOR", "OBSTACLE_DISTANCE", "HEARTBEAT", "SET_GPS_GLOBAL_ORIGIN"}
-        await stage.until(lambda: wanted <= stage.autopilot.names())
+        await until(lambda: wanted <= stage.autopilot.names())
         odometry = [m for m in stage.autopilot.received if m.get_type() == "ODOMETRY"][-1]
         assert (odometry.x, odometry.y, odometry.z) == pytest.approx((1.0, 0.0, -1.35), abs=0.05)
         signal.raise_signal(signal.SIGTERM)
-
-    await stage.play(act)
     assert len(stage.said) == 1, "one line at the start"
     score = json.loads((tmp_path / "score.json").read_text())
     assert score["ended_because"] == TERMINATED
@@ -191,33 +171,25 @@ async def test_what_the_vehicle_sees_is_what_stands_before_it(scene: Scene, tmp_
 
 async def test_a_contact_ends_it_where_that_was_asked_for(scene: Scene, tmp_path: Path) -> None:
     """A test of a flight must not go on for minutes after the vehicle has hit the wall."""
-    stage = Stage(scene, stop_on_contact=True, score=tmp_path / "score.json")
-
-    async def act(stage: Stage) -> None:
-        await stage.until(lambda: stage.sink.take().depth is not None)
+    async with Stage(scene, stop_on_contact=True, score=tmp_path / "score.json") as stage:
+        await until(lambda: stage.sink.take().depth is not None)
         stage.autopilot.up_m = 1.35
         await asyncio.sleep(0.5)
         stage.autopilot.ahead_m = 2.8
-
-    await stage.play(act)
     score = json.loads((tmp_path / "score.json").read_text())
     assert (score["ended_because"], score["contacts"]) == (CONTACT, 1)
 
 
 async def test_another_vehicle_on_the_port_moves_nothing(scene: Scene, tmp_path: Path) -> None:
     """Two vehicles and a wrong port number: theirs is counted, ours is shown."""
-    stage = Stage(scene, score=tmp_path / "score.json")
     other = FakeAutopilot(system_id=2)
     other.ahead_m, other.up_m = 2.8, 1.35
-
-    async def act(stage: Stage) -> None:
+    async with Stage(scene, score=tmp_path / "score.json") as stage:
         task = asyncio.create_task(other.run(stage.port))
-        await stage.until(lambda: stage.sink.take().depth is not None)
+        await until(lambda: stage.sink.take().depth is not None)
         await asyncio.sleep(0.5)
         task.cancel()
         stage.world.stop("done")
-
-    await stage.play(act)
     score = json.loads((tmp_path / "score.json").read_text())
     assert (score["ended_because"], score["contacts"], score["path_length_m"]) == ("done", 0, 0.0)
     assert other.received == []
@@ -225,18 +197,14 @@ async def test_another_vehicle_on_the_port_moves_nothing(scene: Scene, tmp_path:
 
 async def test_a_silent_simulator_is_a_silent_world(scene: Scene) -> None:
     """No truth, no readings: repeating the last picture would tell a navigator that all is well."""
-    stage = Stage(scene)
-
-    async def act(stage: Stage) -> None:
-        await stage.until(lambda: stage.sink.take().depth is not None)
+    async with Stage(scene) as stage:
+        await until(lambda: stage.sink.take().depth is not None)
         stage.autopilot.silent = True
         await asyncio.sleep(0.3)
         stage.sink.take()
         await asyncio.sleep(0.5)
         assert stage.sink.take() == Taken(None, (), None)
         stage.world.stop("done")
-
-    await stage.play(act)
 
 
 def test_ports_that_are_taken_are_the_users_mistake(capsys: pytest.CaptureFixture[str]) -> None:
@@ -258,13 +226,9 @@ def test_ports_that_are_taken_are_the_users_mistake(capsys: pytest.CaptureFixtur
 
 async def test_the_camera_of_the_stream_is_that_of_the_settings(scene: Scene) -> None:
     """What is rendered and what the client is sent must be one camera."""
-    stage = Stage(scene)
-
-    async def act(stage: Stage) -> None:
+    async with Stage(scene) as stage:
         taken = await asyncio.wait_for(stage.newest(), 10.0)
         assert taken.depth is not None
         assert taken.depth.camera == SETTINGS.sensors.camera.model()
         assert taken.depth.depth_m.dtype == np.float32
         stage.world.stop("done")
-
-    await stage.play(act)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import contextlib
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 from sitl.autopilot.codec import Decoder
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
 from tests.integration.relay import LOOPBACK, UdpRelay, pack, repacked
+from tests.shared.beside import wait_until
 
 TIMEOUT_S = 10.0
 
@@ -46,15 +47,9 @@ class Ends:
         self.down(heartbeat())
         assert self.gate_hears() == heartbeat()
 
-    def wait_for(self, ready: Callable[[], bool]) -> None:
-        give_up_s = time.monotonic() + TIMEOUT_S
-        while not ready():
-            assert time.monotonic() < give_up_s
-            time.sleep(0.0)
-
     def wait_for_handled(self, count: int) -> None:
         """Until so many datagrams of the autopilot were passed on or lost: a socket's buffer has an end."""
-        self.wait_for(lambda: self.relay.passed[0] + self.relay.lost[0] >= count)
+        wait_until(lambda: self.relay.passed[0] + self.relay.lost[0] >= count)
 
     def gate_hears_nothing(self) -> bool:
         """Judged by a datagram that is sent after whatever must not come: order is kept on loopback."""
@@ -184,7 +179,7 @@ def test_dead_cut_and_lossy_links_lose_what_they_should_and_still_note_the_setpo
         link.up(setpoint(0.0))
         link.down(position(3.0))
         assert link.gate_hears() == position(3.0)
-        link.wait_for(lambda: len(link.relay.seen.setpoints()) == 2)
+        wait_until(lambda: len(link.relay.seen.setpoints()) == 2)
         assert [seen.passed for seen in link.relay.seen.setpoints()] == [False, False]
         link.relay.dead_up = False
         link.relay.cut_for(0.3)
@@ -214,5 +209,5 @@ def test_it_speaks_as_the_autopilot_or_as_a_stranger() -> None:
         assert link.came_from != known
         assert link.came_from is not None
         link.answer_to(link.came_from)
-        link.wait_for(lambda: link.relay.stranger_received == 1)
+        wait_until(lambda: link.relay.stranger_received == 1)
         link.relay.speak_down(None)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import math
 import socket
-import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -19,6 +18,7 @@ from companion.sensors.drivers.messages import DepthImage, Ranges
 from companion.sensors.drivers.stream import StreamDriver
 from companion.sensors.drivers.stream_server import StreamServer
 from companion.sensors.sink import DEPTH, SensorSink, Taken
+from tests.shared.beside import until
 from validation.fault_matrix.stream_relay import HONEST, LOOPBACK, StreamRelay, Tampering
 
 CAMERA = Camera(4, 3, 2.0, 2.0, 1.5, 1.0, 0.2, 8.0)
@@ -50,13 +50,6 @@ class Sensors:
 
     def refused(self, stream: str) -> int:
         return self.sink.statistics(self.clock.now_s())[stream].dropped
-
-
-async def until(ready: Callable[[], bool], period_s: float = 0.005) -> None:
-    give_up_s = time.monotonic() + TIMEOUT_S
-    while not ready():
-        assert time.monotonic() < give_up_s
-        await asyncio.sleep(period_s)
 
 
 @asynccontextmanager
@@ -176,10 +169,7 @@ async def test_a_stream_that_was_cut_stays_cut() -> None:
 async def test_a_reader_that_stands_still_is_not_fed_from_a_growing_store() -> None:
     """Protects the rows that stop the application: the relay keeps nothing for it, the world's own server skips."""
     async with StreamServer(f"tcp://{LOOPBACK}:0", None, MonotonicClock()) as server:
-        with (
-            StreamRelay(int(server.url.rpartition(":")[2])) as relay,
-            socket.create_connection((LOOPBACK, relay.port)),
-        ):
+        with StreamRelay(int(server.url.rpartition(":")[2])) as relay, socket.create_connection((LOOPBACK, relay.port)):
             await until(lambda: server.client_count == 1)
             readings = [RangeReading(Beam.FRONT, 1.0, 2.0, 6.0)] * 64
 
@@ -187,7 +177,7 @@ async def test_a_reader_that_stands_still_is_not_fed_from_a_growing_store() -> N
                 server.publish_ranges(readings)
                 return server.skipped > 0
 
-            await until(skips, 0.0)
+            await until(skips, period_s=0.0)
 
 
 @pytest.mark.parametrize("kind", ["depth", "ranges"])

@@ -1,1 +1,0 @@
-"""The parts of the gate, one at a time."""

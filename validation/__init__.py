@@ -1,1 +1,0 @@
-"""Programs that try to break the whole: faults in flight, garbage on every wire, changes that some test must notice."""
