@@ -14,7 +14,7 @@ from argparse import Namespace
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 
-from bench.table import Row, parser, show, write
+from bench.common import Row, parser, show, write
 
 WORLDS = ("complex", "slope", "room", "random:1", "random:2", "random:3")
 

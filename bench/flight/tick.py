@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 
-from bench.table import Row, parser, show
+from bench.common import Row, parser, show
 from companion.config.load import load_settings
 from companion.config.settings import Settings
 from companion.control.navigator import Navigator

@@ -23,10 +23,9 @@ from pathlib import Path
 import numpy as np
 import psutil
 
+from bench.common import Row, Usage, parser, show
 from bench.gate.autopilot import FakeAutopilot
 from bench.gate.child import WARM_UP_S, timed, timed_socket
-from bench.table import Row, parser, show
-from bench.usage import Usage
 from companion.config.settings import Settings
 from companion.gate.plan import Plan
 from companion.gate.protocol import GATE_FD

@@ -22,8 +22,8 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.common import Row, parser, show, write
 from bench.map import frames as map_frames
-from bench.table import Row, parser, show, write
 from companion.mapping import VoxelMap
 from companion.mapping.journal import Header, Journal
 from companion.mapping.journal.paging import PagedMap

@@ -46,10 +46,9 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.gate.wire import Wire
+from bench.common import Row, Usage, parser, show, write
+from bench.gate.autopilot import Wire
 from bench.map.load_child import MAP, MAPS, OFFERS
-from bench.table import Row, parser, show, write
-from bench.usage import Usage
 from companion.config.load import load_settings
 from companion.errors import CompanionError
 from companion.flight.launch import application, module

@@ -47,10 +47,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.common import Row, parser, show, write
 from bench.map import frames as map_frames
 from bench.map.agreement import agreement
 from bench.map.octomap import octree, voxels_of
-from bench.table import Row, parser, show, write
 from companion.errors import InputError
 from companion.geometry import camera_to_world
 from companion.mapping import VoxelMap

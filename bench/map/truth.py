@@ -42,8 +42,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.common import Row, parser, show, write
 from bench.flight.missions import WORLDS
-from bench.table import Row, parser, show, write
 from companion.config.load import load_settings
 from companion.config.settings import Settings
 from companion.config.sim import NoiseSettings
@@ -53,12 +53,11 @@ from companion.mapping import FREE, VoxelMap
 from companion.model import DepthFrame, Pose
 from sitl.mines import World, load_world
 from sitl.mines.mesh import SUFFIXES
-from sitl.scene.map_metrics import accuracy_m, precision
 from sitl.scene.raycast import RayCaster
 from sitl.scene.render import DepthRenderer
 from sitl.scene.sensors import SensorRig
 from sitl.scene.surface import Array, Points, Surroundings, surface_samples
-from sitl.scene.visibility import visible_samples
+from sitl.scene.visibility import accuracy_m, precision, visible_samples
 from sitl.sim.flight import Flight
 from sitl.sim.start import start_poses
 

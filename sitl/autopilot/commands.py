@@ -9,8 +9,7 @@ from sitl.autopilot.mavlink import MESSAGE_NAMES, Message
 from sitl.autopilot.mavlink import dialect as m
 from sitl.autopilot.personality import Personality
 from sitl.autopilot.state import Severity, State
-from sitl.autopilot.streams import Streams
-from sitl.autopilot.telemetry import Telemetry
+from sitl.autopilot.telemetry import Streams, Telemetry
 
 _FORCE = 21196.0
 """Parameter 2 of an arming command that skips the checks."""

@@ -10,8 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion.model import Pose
-from sitl.autopilot.airframe import Airframe, Surroundings, flat
-from sitl.autopilot.battery import Battery
+from sitl.autopilot.airframe import Airframe, Battery, Surroundings, flat
 from sitl.autopilot.commands import Commands
 from sitl.autopilot.estimator import Estimator
 from sitl.autopilot.guidance import motion
@@ -22,8 +21,7 @@ from sitl.autopilot.origin import to_global
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.personality import Personality
 from sitl.autopilot.state import Mode, Severity, State
-from sitl.autopilot.streams import Streams
-from sitl.autopilot.telemetry import Telemetry
+from sitl.autopilot.telemetry import Streams, Telemetry
 
 STEP_S = 0.01
 """The vehicle's own step."""

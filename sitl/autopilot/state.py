@@ -7,8 +7,7 @@ import math
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
-from sitl.autopilot.airframe import Airframe, Motion
-from sitl.autopilot.battery import Battery
+from sitl.autopilot.airframe import Airframe, Battery, Motion
 from sitl.autopilot.estimator import Estimator
 from sitl.autopilot.origin import GlobalPosition
 from sitl.autopilot.parameters import Parameters

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from companion.errors import InputError
-from companion.viewer.trajectory import trajectories
+from companion.viewer.voxels import trajectories
 
 
 def test_every_file_is_a_way(tmp_path: Path) -> None:

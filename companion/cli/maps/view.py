@@ -35,8 +35,7 @@ def draw_picture(source: Path, picture: Path, *, overwrite: bool) -> None:
         from companion.viewer.picture import write_picture
     except ModuleNotFoundError as error:
         raise _missing(error) from None
-    from companion.viewer.trajectory import trajectories
-    from companion.viewer.voxels import packed
+    from companion.viewer.voxels import packed, trajectories
 
     place = map_at(source)
     with opened(source) as voxels, Progress("reading the map") as progress:
@@ -58,8 +57,7 @@ def show_in_browser(source: Path, host: str, port: int, most_points: int) -> Non
         from companion.viewer.page import serve
     except ModuleNotFoundError as error:
         raise _missing(error) from None
-    from companion.viewer.trajectory import trajectories
-    from companion.viewer.voxels import packed
+    from companion.viewer.voxels import packed, trajectories
 
     place = map_at(source)
     with opened(source) as voxels, Progress("reading the map") as progress:

@@ -16,12 +16,13 @@ from companion.mapping.frontiers.flood_work import (
     RANK_OF_SIDES,
     Work,
     entered_from_mm,
+    flown_around,
+    flown_at,
     is_before,
     is_taken,
     touch,
     wait,
 )
-from companion.mapping.frontiers.flown import flown_around, flown_at
 from companion.mapping.frontiers.plan import (
     CELLS,
     FLOWN,

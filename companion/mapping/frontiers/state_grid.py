@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from companion.compiled import compiled, inner
 from companion.mapping.voxels.chunks import CHUNK_LIMIT, EDGE, MASK, SHIFT, Integer, chunk_key, place_of
 from companion.mapping.voxels.lookup import FREE, OCCUPIED, UNKNOWN, states_of
-from companion.mapping.voxels.piece import MapPiece, MapSource
-from companion.mapping.voxels.snapshot import MapSnapshot
+from companion.mapping.voxels.piece import MapPiece, MapSnapshot, MapSource
 from companion.model import FloatArray
 
 _ZERO, _ONE = np.uint64(0), np.uint64(1)

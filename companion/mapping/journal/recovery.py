@@ -1,7 +1,9 @@
-"""Opening what is there: every record of every segment is read, and what a crash left unfinished is cut off."""
+"""Opening what is there: one writer at a time, every record of every segment read, and what a crash left cut off."""
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import os
 import re
 from collections.abc import Callable
@@ -12,10 +14,39 @@ import numpy as np
 
 from companion.mapping.journal.contents import Contents, place_of_record
 from companion.mapping.journal.header import Header, JournalError, is_unfinished, read_prologue
-from companion.mapping.journal.lock import LOCK_NAME
-from companion.mapping.journal.log import Loss, Record, records
 from companion.mapping.journal.rows import keys_of
-from companion.mapping.journal.segment import SUFFIX, Segment
+from companion.mapping.journal.segment import SUFFIX, Loss, Record, Segment, records
+
+LOCK_NAME = "lock"
+
+
+def lock(folder: Path) -> int:
+    """Be the only writer of a folder until the returned descriptor is closed, or the process ends however it does.
+
+    Raises:
+        JournalError: another process is.
+        OSError: the file cannot be made or locked.
+    """
+    path = folder / LOCK_NAME
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        owner = os.pread(descriptor, 20, 0).decode("ascii", "replace").strip()
+        os.close(descriptor)
+        if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
+            raise JournalError(
+                f"{folder}: process {owner or '?'} is writing it; end that one, or give another folder"
+            ) from None
+        raise
+    try:
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
+    except OSError:
+        # The number is only for the message above: a full disk must not keep anyone from the map.
+        return descriptor
+    return descriptor
+
 
 Progress = Callable[[float], None]
 

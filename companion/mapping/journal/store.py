@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 from companion.mapping.journal.coding import decode
 from companion.mapping.journal.contents import Contents, place_of_record
 from companion.mapping.journal.header import Header, JournalError, prologue
-from companion.mapping.journal.lock import lock
-from companion.mapping.journal.log import FRONT_BYTES, Loss, packed, record_at
-from companion.mapping.journal.recovery import Progress, recover, refuse_foreign, segment_paths
+from companion.mapping.journal.recovery import Progress, lock, recover, refuse_foreign, segment_paths
 from companion.mapping.journal.rows import chunks_of, key_of, keys_of
-from companion.mapping.journal.segment import Segment, sync_folder
+from companion.mapping.journal.segment import FRONT_BYTES, Loss, Segment, packed, record_at, sync_folder
 from companion.mapping.voxels.chunks import VOLUME
 from companion.mapping.voxels.piece import MOST_CHUNKS, MapPiece, MapSource
 

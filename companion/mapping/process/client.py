@@ -37,10 +37,10 @@ from companion.mapping.process.messages import (
     OfferedFrame,
     OfferedScan,
     Ready,
+    SlotRing,
     Taken,
     ToMap,
 )
-from companion.mapping.process.slots import SlotRing
 from companion.mapping.process.supervisor import MapSupervisor
 from companion.model import MOST_RAYS, Camera, DepthFrame, PlanarScan
 

@@ -12,7 +12,7 @@ from typing import Self
 from companion.config.mapping import MapSettings
 from companion.mapping.journal import Header, Journal
 from companion.mapping.journal.paging import PagedMap
-from companion.mapping.voxels.snapshot import IntegrationReport
+from companion.mapping.voxels.piece import IntegrationReport
 from companion.model import DepthFrame, PlanarScan
 
 BYTES_PER_MB = 1_000_000

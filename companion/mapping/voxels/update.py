@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled, compiled_unchecked
-from companion.mapping.voxels.brick import CHANGED, HITS, LOWERED, compared, lower, lowered, raise_, spread
 from companion.mapping.voxels.carve import CLEAR, MIXED, UNSEEN, judge, look_through, offsets_of
 from companion.mapping.voxels.chunk_table import (
     Table,
@@ -21,7 +20,17 @@ from companion.mapping.voxels.chunk_table import (
 from companion.mapping.voxels.chunks import BRICK, EDGE, chunk_key, row_of_key
 from companion.mapping.voxels.depth_image import ClearDepth
 from companion.mapping.voxels.marks import Marks
-from companion.mapping.voxels.sensor_model import Steps
+from companion.mapping.voxels.sensor_model import (
+    CHANGED,
+    HITS,
+    LOWERED,
+    Steps,
+    compared,
+    lower,
+    lowered,
+    raise_,
+    spread,
+)
 from companion.mapping.voxels.view import Box, Projection
 
 _CELL_SHIFT = 2

@@ -11,15 +11,21 @@ from numpy.typing import NDArray
 
 from companion.config.mapping import MapSettings
 from companion.mapping.voxels import lookup
-from companion.mapping.voxels.brick import CHANGED, HITS, LOWERED
 from companion.mapping.voxels.chunk_table import Store, Table, find_rows, forget_rows, load_rows, store_rows
 from companion.mapping.voxels.chunks import CHUNK_LIMIT, EDGE, NOTHING
 from companion.mapping.voxels.depth_image import clear_depth, hole_depth_m
 from companion.mapping.voxels.marks import mark_hits
-from companion.mapping.voxels.piece import MOST_CHUNKS, MapPiece, MapSource, add_log_odds
+from companion.mapping.voxels.piece import (
+    MOST_CHUNKS,
+    IntegrationReport,
+    MapCounts,
+    MapPiece,
+    MapSnapshot,
+    MapSource,
+    add_log_odds,
+)
 from companion.mapping.voxels.scan import beams_of, pass_beams, update_passed
-from companion.mapping.voxels.sensor_model import steps_of
-from companion.mapping.voxels.snapshot import IntegrationReport, MapCounts, MapSnapshot
+from companion.mapping.voxels.sensor_model import CHANGED, HITS, LOWERED, steps_of
 from companion.mapping.voxels.update import update_chunks
 from companion.mapping.voxels.view import view_of
 from companion.model import DepthFrame, FloatArray, PlanarScan

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from companion.mapping.process.client import Tally
-from companion.mapping.process.messages import OfferedFrame
+from companion.mapping.process.messages import SLOTS, OfferedFrame, SlotRing
 from companion.mapping.process.server import Waiting
-from companion.mapping.process.slots import SLOTS, SlotRing
 from tests.mapping.voxels import scenes
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from companion.config.mapping import MapSettings
 from companion.mapping import VoxelMap
-from sitl.scene.map_metrics import accuracy_m, precision
+from sitl.scene.visibility import accuracy_m, precision
 from tests.mapping.voxels.scenes import camera, frame, pose, room_depth
 
 

@@ -1,13 +1,34 @@
-"""What all benches share: a table on the terminal and, when asked for, the figures in a JSON file."""
+"""What all benches share: options, a table, the figures in a JSON file, and what a process has used."""
 
 from __future__ import annotations
 
 import json
+import time
 from argparse import ArgumentParser
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+import psutil
+
 from companion import text_table
+
+
+@dataclass(frozen=True, slots=True)
+class Usage:
+    """What a process has used so far: seconds of a core, and MB of memory now."""
+
+    t_s: float
+    cpu_s: float
+    rss_mb: float
+
+    @classmethod
+    def of(cls, pid: int) -> Usage:
+        """As the kernel counts."""
+        process = psutil.Process(pid)
+        cpu = process.cpu_times()
+        return cls(time.monotonic(), cpu.user + cpu.system, process.memory_info().rss / 1e6)
+
 
 Row = dict[str, object]
 
