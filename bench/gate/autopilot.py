@@ -56,7 +56,7 @@ class FakeAutopilot:
         sent: messages so far.
         flies: whether setpoints that move the vehicle arrive.
         setpoint_delays_us: from the moment that each of the application's setpoints carries until its arrival.
-        stopped_ns: when the gate's first stop came since `forget_stops`; 0: none has.
+        stopped_ns: when the gate's first stop came since this was set to 0; 0: none has.
     """
 
     def __init__(self, wire: socket.socket, to: tuple[str, int] | None) -> None:
@@ -83,10 +83,6 @@ class FakeAutopilot:
     def wait_s(self) -> float:
         """Until something is due."""
         return max(0.0, min(min(self._due_s.values()) - time.monotonic(), LONGEST_WAIT_S))
-
-    def forget_stops(self) -> None:
-        """Wait for the next."""
-        self.stopped_ns = 0
 
     def land(self) -> None:
         """Be disarmed from now on."""

@@ -56,12 +56,17 @@ def cpu_ms(work: Callable[[], object]) -> float:
     return 1000.0 * float(np.median(times_s))
 
 
-def coding(voxel_m: float) -> common.Row:
-    """Encoding and decoding 300 chunks, and what zlib would make of the bytes."""
-    voxels = VoxelMap(MapSettings(voxel_m=voxel_m))
+def tunnel_piece(settings: MapSettings) -> MapPiece:
+    """All chunks of the map of that flight."""
+    voxels = VoxelMap(settings)
     for frame in tunnel_frames():
         voxels.integrate(frame)
-    held = voxels.piece(voxels.changed())
+    return voxels.piece(voxels.changed())
+
+
+def coding(voxel_m: float) -> common.Row:
+    """Encoding and decoding 300 chunks, and what zlib would make of the bytes."""
+    held = tunnel_piece(MapSettings(voxel_m=voxel_m))
     rows = np.resize(np.arange(len(held.chunks)), 300)
     chunks, values = held.chunks[rows], held.values[rows]
     out = np.empty(300 * MOST_BYTES, np.uint8)
@@ -125,10 +130,7 @@ def repeated(piece: MapPiece, chunks: int) -> Iterator[MapPiece]:
 def opening(chunks: int, folder: Path) -> common.Row:
     """Opening a journal, and bringing back one region of it."""
     settings = MapSettings()
-    voxels = VoxelMap(settings)
-    for frame in tunnel_frames():
-        voxels.integrate(frame)
-    piece = voxels.piece(voxels.changed())
+    piece = tunnel_piece(settings)
     path = folder / f"opening-{chunks}"
     start_s = time.perf_counter()
     with Journal.open(path, Header.of(settings)) as journal:
@@ -137,7 +139,7 @@ def opening(chunks: int, folder: Path) -> common.Row:
         journal.commit()
         wrote_s = time.perf_counter() - start_s
     row: common.Row = {"chunks": chunks, "append_us": 1e6 * wrote_s / chunks}
-    resident = _resident_bytes()
+    resident_mb = common.Usage.of(os.getpid()).rss_mb
     start_s, start_cpu_s = time.perf_counter(), time.thread_time()
     with Journal.read_only(path) as journal:
         row["open_s"] = time.perf_counter() - start_s
@@ -147,17 +149,12 @@ def opening(chunks: int, folder: Path) -> common.Row:
         paged = PagedMap(settings, journal)
         row["resume_s"] = time.perf_counter() - start_s
         row["paged_MB"] = paged.memory_bytes / 1e6
-        row["resident_MB"] = (_resident_bytes() - resident) / 1e6
+        row["resident_MB"] = common.Usage.of(os.getpid()).rss_mb - resident_mb
         region = np.indices((8, 8, 8), np.int32).reshape(3, -1).T - np.array([0, 4, 4], np.int32)
         row["region_chunks"] = len(journal.read(region).chunks)
         row["region_ms"] = cpu_ms(lambda: journal.read(region))
     shutil.rmtree(path)
     return row
-
-
-def _resident_bytes() -> int:
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE")
 
 
 def main() -> None:
