@@ -10,12 +10,4 @@ from companion.mapping.voxels.lookup import FREE, OCCUPIED, UNKNOWN
 from companion.mapping.voxels.piece import IntegrationReport, MapCounts, MapSnapshot
 from companion.mapping.voxels.voxel_map import VoxelMap
 
-__all__ = [
-    "FREE",
-    "OCCUPIED",
-    "UNKNOWN",
-    "IntegrationReport",
-    "MapCounts",
-    "MapSnapshot",
-    "VoxelMap",
-]
+__all__ = ["FREE", "OCCUPIED", "UNKNOWN", "IntegrationReport", "MapCounts", "MapSnapshot", "VoxelMap"]

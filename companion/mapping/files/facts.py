@@ -14,9 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.compiled import compiled
-from companion.mapping.journal.rows import keys_of
-from companion.mapping.voxels.chunks import EDGE, NOTHING, OFFSETS, VOLUME
+from companion.mapping.voxels.chunks import EDGE, NOTHING, PLACES, keys_of
 from companion.mapping.voxels.piece import MapSource
 
 _PIECE = 256
@@ -66,75 +64,37 @@ def facts_of(source: MapSource, progress: Callable[[int], None] = lambda _: None
         source: the map.
         progress: is given how many chunks were seen so far.
     """
-    counts = np.zeros(4, np.int64)
-    box = np.array([[_LIMIT] * 3, [-_LIMIT] * 3])
     area = SurfaceArea()
+    occupied = free = seen = chunks = 0
+    low, high = np.full(3, _LIMIT), np.full(3, -_LIMIT)
     for piece in source.pieces(_PIECE):
-        # Compiled functions are compiled anew for memory that is read-only, as that of a file is.
-        values = np.require(piece.values, np.int16, ["C", "W"])
-        _count(np.require(piece.chunks, np.int32, ["C", "W"]), values, source.threshold, counts, box)
-        area.add(piece.chunks, values, source.threshold)
-        progress(int(counts[3]))
-    occupied, free, undecided, chunks = (int(count) for count in counts)
-    corners = [(float(x), float(y), float(z)) for x, y, z in box * source.voxel_m]
+        values = piece.values.take(PLACES, axis=1)
+        known = values != NOTHING
+        is_occupied, is_free = values >= source.threshold, known & (values < 0)
+        area.add(piece.chunks, is_occupied, is_free)
+        occupied += int(np.count_nonzero(is_occupied))
+        free += int(np.count_nonzero(is_free))
+        seen += int(np.count_nonzero(known))
+        chunks += int(np.count_nonzero(known.any(axis=(1, 2, 3))))
+        decided = is_occupied | is_free
+        for axis, across in enumerate(((2, 3), (1, 3), (1, 2))):
+            row, place = np.nonzero(decided.any(axis=across))
+            at = EDGE * piece.chunks[row, axis].astype(np.int64) + place
+            low[axis] = at.min(initial=low[axis])
+            high[axis] = (at + 1).max(initial=high[axis])
+        progress(chunks)
+    corners = [(float(x), float(y), float(z)) for x, y, z in np.stack([low, high]) * source.voxel_m]
     return MapFacts(
         voxel_m=source.voxel_m,
         chunks=chunks,
         occupied=occupied,
         free=free,
-        undecided=undecided,
+        undecided=seen - occupied - free,
         low_m=corners[0] if occupied or free else None,
         high_m=corners[1] if occupied or free else None,
         free_m3=free * source.voxel_m**3,
         surface_m2=area.in_faces() * source.voxel_m**2,
     )
-
-
-@compiled
-def _count(
-    chunks: NDArray[np.int32],
-    values: NDArray[np.int16],
-    threshold: int,
-    counts: NDArray[np.int64],
-    box: NDArray[np.int64],
-) -> None:
-    """Count the voxels of some chunks, and widen the box around those that are occupied or free.
-
-    Args:
-        chunks: (n, 3) coordinates.
-        values: (n, 4096) log-odds.
-        threshold: occupied from this on.
-        counts: (4,) occupied, free, undecided voxels, and chunks with something in them; are added to.
-        box: (2, 3) lowest voxel and the one after the highest; is widened.
-    """
-    for row in range(chunks.shape[0]):
-        occupied = free = seen = 0
-        for place in range(VOLUME):
-            value = values[row, place]
-            occupied += value >= threshold
-            free += (value < 0) & (value != NOTHING)
-            seen += value != NOTHING
-        counts[0] += occupied
-        counts[1] += free
-        counts[2] += seen - occupied - free
-        counts[3] += seen > 0
-        inside = True
-        for axis in range(3):
-            corner = np.int64(chunks[row, axis]) * EDGE
-            inside &= corner >= box[0, axis] and corner + EDGE <= box[1, axis]
-        if inside or occupied + free == 0:
-            continue
-        for place in range(VOLUME):
-            value = values[row, place]
-            if value >= threshold or (value < 0 and value != NOTHING):
-                for axis in range(3):
-                    at = np.int64(chunks[row, axis]) * EDGE + OFFSETS[place, axis]
-                    box[0, axis] = min(box[0, axis], at)
-                    box[1, axis] = max(box[1, axis], at + 1)
-
-
-_BRICKS = 64
-_SIDES = 6
 
 
 class SurfaceArea:
@@ -147,128 +107,49 @@ class SurfaceArea:
     def __init__(self) -> None:
         self._keys: list[NDArray[np.int64]] = []
         self._faces: list[NDArray[np.uint8]] = []
-        self._occupied: list[NDArray[np.uint16]] = []
-        self._free: list[NDArray[np.uint16]] = []
+        self._sides: list[NDArray[np.uint8]] = []
 
-    def add(self, chunks: NDArray[np.int32], values: NDArray[np.int16], threshold: int) -> None:
-        """Take some chunks, (n, 3), with their voxels, (n, 4096); each chunk once."""
-        faces = np.zeros((len(chunks), _BRICKS, 3), np.uint8)
-        occupied = np.zeros((len(chunks), _SIDES, EDGE), np.uint16)
-        free = np.zeros_like(occupied)
-        _count_inside(np.require(values, np.int16, ["C", "W"]), threshold, faces, occupied, free)
+    def add(self, chunks: NDArray[np.int32], occupied: NDArray[np.bool_], free: NDArray[np.bool_]) -> None:
+        """Take some chunks, (n, 3), and which of their voxels are occupied and free, (n, 16, 16, 16); each chunk once.
+
+        Faces are counted at the occupied voxel: (n, 4, 4, 4, 3) by cube of 4 voxels and axis. Of the sides it is kept
+        which voxels are occupied and free: (n, 3, 2, 2, 32) by axis, lower and upper, state, and 256 bits.
+        """
+        faces, sides = np.empty((len(chunks), 4, 4, 4, 3), np.uint8), np.empty((len(chunks), 3, 2, 2, 32), np.uint8)
+        for axis in range(3):
+            its, others = (np.moveaxis(voxels, 1 + axis, 1) for voxels in (occupied, free))
+            count = np.zeros(its.shape, np.uint8)
+            count[:, 1:] += its[:, 1:] & others[:, :-1]
+            count[:, :-1] += its[:, :-1] & others[:, 1:]
+            faces[..., axis] = np.moveaxis(_by_brick(count), 1, 1 + axis)
+            for state, voxels in enumerate((its, others)):
+                sides[:, axis, :, state] = np.packbits(voxels[:, (0, -1)].reshape(-1, 2, EDGE * EDGE), axis=-1)
         self._keys.append(keys_of(chunks))
         self._faces.append(faces)
-        self._occupied.append(occupied)
-        self._free.append(free)
+        self._sides.append(sides)
 
     def in_faces(self) -> float:
         """The area so far, in faces of a voxel."""
         if not self._keys:
             return 0.0
-        keys = np.concatenate(self._keys)
+        keys, faces, sides = np.concatenate(self._keys), np.concatenate(self._faces), np.concatenate(self._sides)
         order = np.argsort(keys)
-        faces = np.concatenate(self._faces)
-        occupied, free = np.concatenate(self._occupied), np.concatenate(self._free)
         steps = keys_of(np.eye(3, dtype=np.int32)) - keys_of(np.zeros((3, 3), np.int32))
         for axis, step in enumerate(steps.tolist()):
             at = np.searchsorted(keys, keys + step, sorter=order)
             beyond = order[np.minimum(at, len(keys) - 1)]
             lower = np.flatnonzero(keys[beyond] == keys + step)
-            _count_between(faces, occupied, free, lower, beyond[lower], axis)
-        return _total(faces)
+            upper = beyond[lower]
+            layers = np.moveaxis(faces[..., axis], 1 + axis, 1)
+            for its, ours, theirs, layer in ((lower, 0, 1, -1), (upper, 1, 0, 0)):
+                both = np.unpackbits(sides[lower, axis, 1, ours] & sides[upper, axis, 0, theirs], axis=-1)
+                layers[its, layer] += _by_brick(both.reshape(-1, EDGE, EDGE))
+        return float(np.sqrt(np.square(faces, dtype=np.float32).sum(axis=-1)).sum(dtype=np.float64))
 
 
-@compiled
-def _count_inside(
-    values: NDArray[np.int16],
-    threshold: int,
-    faces: NDArray[np.uint8],
-    occupied: NDArray[np.uint16],
-    free: NDArray[np.uint16],
-) -> None:
-    """Count the faces inside each chunk, and note which voxels of its six sides are occupied and free.
-
-    Args:
-        values: (n, 4096) log-odds in Morton order.
-        threshold: occupied from this on.
-        faces: (n, 64, 3) by cube of 4 voxels, that of the occupied voxel, and axis; is added to.
-        occupied: (n, 6, 16) bits of the sides, lower and upper along x, y and z; are set.
-        free: the same for free voxels.
-    """
-    state = np.empty((EDGE, EDGE, EDGE), np.int8)
-    for row in range(values.shape[0]):
-        some = False
-        for place in range(VOLUME):
-            value = values[row, place]
-            said = np.int8(1) if value >= threshold else np.int8(-1 if value < 0 and value != NOTHING else 0)
-            state[OFFSETS[place, 0], OFFSETS[place, 1], OFFSETS[place, 2]] = said
-            if said > 0:
-                some = True
-        for side in range(_SIDES):
-            at = (EDGE - 1) * (side & 1)
-            for a in range(EDGE):
-                for b in range(EDGE):
-                    if side < 2:
-                        said = state[at, a, b]
-                    elif side < 4:
-                        said = state[a, at, b]
-                    else:
-                        said = state[a, b, at]
-                    if said > 0:
-                        occupied[row, side, a] |= np.uint16(1 << b)
-                    elif said < 0:
-                        free[row, side, a] |= np.uint16(1 << b)
-        if not some:
-            continue
-        for x in range(EDGE):
-            for y in range(EDGE):
-                for z in range(EDGE):
-                    if state[x, y, z] <= 0:
-                        continue
-                    brick = _brick(x, y, z)
-                    faces[row, brick, 0] += (x > 0 and state[x - 1, y, z] < 0) + (x < 15 and state[x + 1, y, z] < 0)
-                    faces[row, brick, 1] += (y > 0 and state[x, y - 1, z] < 0) + (y < 15 and state[x, y + 1, z] < 0)
-                    faces[row, brick, 2] += (z > 0 and state[x, y, z - 1] < 0) + (z < 15 and state[x, y, z + 1] < 0)
-
-
-@compiled
-def _brick(x: int, y: int, z: int) -> int:
-    return 16 * (x >> 2) + 4 * (y >> 2) + (z >> 2)
-
-
-@compiled
-def _count_between(
-    faces: NDArray[np.uint8],
-    occupied: NDArray[np.uint16],
-    free: NDArray[np.uint16],
-    lower: NDArray[np.int64],
-    upper: NDArray[np.int64],
-    axis: int,
-) -> None:
-    """Count the faces between the chunks ``lower`` and the chunks ``upper``, (n,) rows, that follow along an axis."""
-    for n in range(lower.shape[0]):
-        for a in range(EDGE):
-            below = occupied[lower[n], 2 * axis + 1, a] & free[upper[n], 2 * axis, a]
-            above = free[lower[n], 2 * axis + 1, a] & occupied[upper[n], 2 * axis, a]
-            for b in range(EDGE):
-                if (below >> b) & 1:
-                    faces[lower[n], _brick_at_side(axis, EDGE - 1, a, b), axis] += 1
-                if (above >> b) & 1:
-                    faces[upper[n], _brick_at_side(axis, 0, a, b), axis] += 1
-
-
-@compiled
-def _brick_at_side(axis: int, at: int, a: int, b: int) -> int:
-    if axis == 0:
-        return _brick(at, a, b)
-    return _brick(a, at, b) if axis == 1 else _brick(a, b, at)
-
-
-@compiled
-def _total(faces: NDArray[np.uint8]) -> float:
-    total = 0.0
-    for row in range(faces.shape[0]):
-        for brick in range(_BRICKS):
-            x, y, z = faces[row, brick]
-            total += np.sqrt(float(x) * x + float(y) * y + float(z) * z)
-    return total
+def _by_brick(counts: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(n, 4, ..) the sums over four by four of what is counted by voxel, (n, 16, ..)."""
+    for axis in range(1, counts.ndim):
+        along = np.moveaxis(counts, axis, 0)
+        counts = np.moveaxis(along[::4] + along[1::4] + along[2::4] + along[3::4], 0, axis)
+    return counts

@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled
-from companion.mapping.files.export import Export, MapFileError, Progress, writable
+from companion.mapping.files.export import Export, MapFileError
 from companion.mapping.files.whole import Spool
-from companion.mapping.voxels.chunks import NOTHING, SHIFT, VOLUME
+from companion.mapping.voxels.chunks import NOTHING, SHIFT, VOLUME, plain
+from companion.mapping.voxels.piece import Progress
 
 NO_NODE, LEAF, INNER = np.uint8(0), np.uint8(1), np.uint8(2)
 """What may be at a place of the tree."""
@@ -227,7 +228,9 @@ def _encoded(export: Export, spool: Spool, progress: Progress, *, full: bool) ->
     for piece in export.source.pieces(_CHUNKS):
         if len(piece.chunks) > _CHUNKS:
             raise ValueError(f"a piece of {len(piece.chunks)} chunks, where no more than {_CHUNKS} were asked for")
-        leaves = writable(piece.values) if full else _decided(writable(piece.values), export.source.threshold)
+        leaves = plain(piece.values, np.int16)
+        if not full:
+            leaves = _decided(leaves, export.source.threshold)
         ends, nodes = np.empty(len(leaves), np.int64), np.empty(len(leaves), np.int64)
         some_values, some_kinds = encode_chunks(leaves, full, data, ends, nodes)
         spool.append(data, ends)

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from companion.compiled import compiled, inner
 from companion.mapping.frontiers.plan import CELLS, FLOWN, Plan, Shape, first_sheet, is_node, on_tile
-from companion.mapping.frontiers.state_grid import Grid, slot_of
-from companion.mapping.voxels.chunks import Integer, chunk_key
+from companion.mapping.frontiers.state_grid import Grid
+from companion.mapping.voxels.chunks import Integer, chunk_key, row_of_key
 
 MOST_STEPS = 60_000
 """A flood ends so many cells from where the vehicle was."""
@@ -169,9 +169,7 @@ def flown_around(
     steps, others, keys, firsts = plan.steps, plan.others, plan.keys, plan.firsts
     blocks = near[near.shape[0] - 9 :, 0]
     for n in range(9):
-        key = chunk_key((i >> 4) + n // 3 - 1, (j >> 4) + n % 3 - 1, 0)
-        slot = slot_of(keys, key)
-        blocks[n] = firsts[slot] if keys[slot] == key else -1
+        blocks[n] = row_of_key(keys, firsts, chunk_key((i >> 4) + n // 3 - 1, (j >> 4) + n % 3 - 1, 0))
     count = 0
     for n in range(circle.shape[0]):
         a, b = i - circle[n, 0], j - circle[n, 1]

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from companion.compiled import inner
 from companion.mapping.frontiers.frontier import Reach
-from companion.mapping.frontiers.state_grid import Grid, brick_words, has, row_of, slot_of
-from companion.mapping.voxels.chunks import MASK, SHIFT, Integer, chunk_key, place_of
+from companion.mapping.frontiers.state_grid import Grid, brick_words, has, row_of
+from companion.mapping.voxels.chunks import MASK, SHIFT, Integer, chunk_key, place_of, row_of_key, slot_of
 from companion.mapping.voxels.lookup import FREE, OCCUPIED, UNKNOWN
 
 CELL_M = 0.1
@@ -179,9 +179,7 @@ def kind_of(plan: Plan, node: Integer) -> int:
 @inner
 def first_sheet(plan: Plan, i: Integer, j: Integer) -> int:
     """The first sheet of the tile of cell (i, j), or -1."""
-    key = chunk_key(i >> 4, j >> 4, 0)
-    slot = slot_of(plan.keys, key)
-    return int(plan.firsts[slot]) if plan.keys[slot] == key else -1
+    return row_of_key(plan.keys, plan.firsts, chunk_key(i >> 4, j >> 4, 0))
 
 
 @inner

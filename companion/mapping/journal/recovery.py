@@ -6,7 +6,6 @@ import errno
 import fcntl
 import os
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,8 +13,9 @@ import numpy as np
 
 from companion.mapping.journal.contents import Contents, place_of_record
 from companion.mapping.journal.header import Header, JournalError, is_unfinished, read_prologue
-from companion.mapping.journal.rows import keys_of
 from companion.mapping.journal.segment import SUFFIX, Loss, Record, Segment, records
+from companion.mapping.voxels.chunks import keys_of
+from companion.mapping.voxels.piece import Progress, silent
 
 LOCK_NAME = "lock"
 
@@ -47,8 +47,6 @@ def lock(folder: Path) -> int:
         return descriptor
     return descriptor
 
-
-Progress = Callable[[float], None]
 
 _ATTEMPTS = 100
 _SEGMENT_NAME = re.compile(r"[0-9]*[1-9][0-9]*" + re.escape(SUFFIX))
@@ -86,7 +84,7 @@ def refuse_foreign(folder: Path) -> None:
         raise JournalError(f"{folder}: no map journal, but it holds {others[0]!r}; give an empty or a new folder")
 
 
-def recover(folder: Path, *, writes: bool, progress: Progress | None = None) -> Found:
+def recover(folder: Path, *, writes: bool, progress: Progress = silent) -> Found:
     """Read all segments of a folder.
 
     Args:
@@ -102,16 +100,14 @@ def recover(folder: Path, *, writes: bool, progress: Progress | None = None) -> 
     opened = _open_all(folder, os.O_RDWR if writes else os.O_RDONLY)
     try:
         for number, segment in enumerate(opened):
-            if progress is not None:
-                progress(number / len(opened))
+            progress(number / len(opened))
             _read_segment(segment, found, writes=writes)
         if found.contents.segments and found.header is None:
             raise JournalError(f"{folder}: no file has a readable header, so nobody knows the size of its voxels")
     except BaseException:
         _close_all(opened)
         raise
-    if progress is not None:
-        progress(1.0)
+    progress(1.0)
     return found
 
 

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.mapping.journal.coding import MOST_BYTES, encode
-from companion.mapping.journal.rows import plain
-from companion.mapping.voxels.chunks import CHUNK_LIMIT
+from companion.mapping.voxels.chunks import CHUNK_LIMIT, plain
 
 _MARK = 0xA7D15EC3
 _MARK_BYTES = struct.pack("<I", _MARK)

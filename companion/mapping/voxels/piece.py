@@ -5,7 +5,7 @@ Pieces have all that is known of their voxels: they are kept, sent to the disk, 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -16,6 +16,14 @@ from companion.compiled import compiled
 from companion.mapping.voxels.chunks import NOTHING
 from companion.mapping.voxels.lookup import FREE, OCCUPIED, centres
 from companion.model import FloatArray
+
+Progress = Callable[[float], None]
+"""Takes the share of the work that is done, from 0 to 1. An error that it raises ends the work."""
+
+
+def silent(_share: float) -> None:
+    """The progress that nobody watches."""
+
 
 MOST_CHUNKS = 1024
 """Chunks of one piece, where nothing else is said: 8 MiB of voxels."""
@@ -131,8 +139,8 @@ class MapSnapshot:
 
     def occupied(self) -> FloatArray:
         """(n, 3) centres of the occupied voxels, in m."""
-        return np.asarray(centres(self.chunks, self.states, OCCUPIED, self.voxel_m))
+        return centres(self.chunks, self.states, OCCUPIED, self.voxel_m)
 
     def free(self) -> FloatArray:
         """(n, 3) centres of the free voxels, in m."""
-        return np.asarray(centres(self.chunks, self.states, FREE, self.voxel_m))
+        return centres(self.chunks, self.states, FREE, self.voxel_m)
