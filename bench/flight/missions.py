@@ -38,8 +38,7 @@ def flown(arguments: Namespace) -> Iterator[Row]:
     with ProcessPoolExecutor(arguments.jobs) as pool:
         jobs = [
             pool.submit(
-                *(mission, world, seed, arguments.preset),
-                *(arguments.vehicles, arguments.time_limit, arguments.camera),
+                *(mission, world, seed, arguments.preset), *(arguments.vehicles, arguments.time_limit, arguments.camera)
             )
             for seed in range(1, arguments.seeds + 1)
             for world in arguments.worlds.split(",")

@@ -166,10 +166,7 @@ class Scene:
                 continue
             x, y, z = (flown_m * direction).tolist()
             told = frame.pose
-            yield (
-                replace(frame, pose=replace(told, x_m=told.x_m + x, y_m=told.y_m + y, z_m=told.z_m + z)),
-                true,
-            )
+            yield (replace(frame, pose=replace(told, x_m=told.x_m + x, y_m=told.y_m + y, z_m=told.z_m + z)), true)
 
     def share(self, found: NDArray[np.bool_], among: NDArray[np.bool_] | None = None) -> float:
         """The share by area of the samples (n,), or of some of them, that are ``found``."""

@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from companion.model import Pose, wrap_rad
+from sitl.sim.vehicle import DISTURBANCE_TIME_S, GRAVITY_MPS2, follow
 
 if TYPE_CHECKING:  # level ground needs no worlds, which take a second to import
     from sitl.scene.raycast import RayCaster
 
-GRAVITY_MPS2 = 9.81
-DISTURBANCE_TIME_S = 5.0
 _CLIMB_LAG_S = 0.25
 _YAW_LAG_S = 0.15
 _MAX_ACCELERATION_MPS2 = 3.0
@@ -166,8 +165,8 @@ class Airframe:
         self._ay_mps2 = self._pushed(self._ay_mps2, motion.vy_mps + py - old.vy_mps, dt_s)
         vx_mps = old.vx_mps + self._ax_mps2 * dt_s
         vy_mps = old.vy_mps + self._ay_mps2 * dt_s
-        vz_mps = _follow(old.vz_mps, motion.vz_mps + pz, _CLIMB_LAG_S, _MAX_CLIMB_ACCELERATION_MPS2, dt_s)
-        yaw_rate_radps = _follow(
+        vz_mps = follow(old.vz_mps, motion.vz_mps + pz, _CLIMB_LAG_S, _MAX_CLIMB_ACCELERATION_MPS2, dt_s)
+        yaw_rate_radps = follow(
             old.yaw_rate_radps, motion.yaw_rate_radps, _YAW_LAG_S, _MAX_YAW_ACCELERATION_RADPS2, dt_s
         )
         yaw_rad = wrap_rad(old.yaw_rad + yaw_rate_radps * dt_s)
@@ -238,12 +237,6 @@ class Airframe:
         push = self._drift_mps * math.sqrt(1.0 - keep * keep)
         fresh = self._rng.normal(size=3).tolist()
         self._disturbance = [keep * x + push * y for x, y in zip(self._disturbance, fresh, strict=True)]
-
-
-def _follow(value: float, target: float, lag_s: float, limit: float, dt_s: float) -> float:
-    """One step of a first-order response whose rate is limited."""
-    change = (target - value) * (1.0 - math.exp(-dt_s / lag_s))
-    return value + max(-limit * dt_s, min(limit * dt_s, change))
 
 
 CELLS = 4

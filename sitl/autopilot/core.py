@@ -83,23 +83,15 @@ class Autopilot:
 
     def _boot(self, start: Pose, t_s: float, own: Parameters, battery: Battery, counts: Counter[str]) -> None:
         personality, numbers = self.personality, self.personality.numbers
-        airframe = Airframe(
-            replace(start, t_s=t_s),
-            self._surroundings,
-            numbers.natural_radps,
-            numbers.damping,
-            numbers.drift_mps,
-            self._rng,
-        )
+        inertia = numbers.natural_radps, numbers.damping, numbers.drift_mps
+        airframe = Airframe(replace(start, t_s=t_s), self._surroundings, *inertia, self._rng)
         estimator = Estimator(airframe.pose, numbers.blind_drift_mps2, self._rng)
         mode = personality.modes[personality.boot_mode]
         self.state = State(t_s, t_s, own, airframe, estimator, battery, mode, self._gps, self._hurry, counts=counts)
-        telemetry = Telemetry(personality, self.state, self.system_id)
-        streams = Streams(personality.rates_hz, t_s)
-        self._telemetry, self._streams = telemetry, streams
-        self._inbox = Inbox(
-            personality, self.state, Commands(personality, self.state, streams, telemetry), self.system_id
-        )
+        self._telemetry = Telemetry(personality, self.state, self.system_id)
+        self._streams = Streams(personality.rates_hz, t_s)
+        commands = Commands(personality, self.state, self._streams, self._telemetry)
+        self._inbox = Inbox(personality, self.state, commands, self.system_id)
         self._sync_next_s = t_s
         self._texts_in_pieces = 0
 
@@ -126,7 +118,8 @@ class Autopilot:
         """Flies on until ``t_s`` and returns the telemetry that fell due."""
         sent: list[Message] = []
         if t_s - self.pose.t_s > _CATCH_UP_S:
-            self._jump(t_s - _CATCH_UP_S)
+            self.state.counts["pauses"] += 1
+            self.state.airframe.skip(t_s - _CATCH_UP_S - self.pose.t_s)
         while self.pose.t_s + STEP_S <= t_s + 5e-7:
             self._advance(self.pose.t_s + STEP_S)
             sent += self._say()
@@ -194,9 +187,3 @@ class Autopilot:
             m.MAVLink_statustext_message(int(severity), piece, self._texts_in_pieces, i)
             for i, piece in enumerate(pieces)
         ]
-
-    def _jump(self, t_s: float) -> None:
-        state = self.state
-        lost_s = t_s - self.pose.t_s
-        state.counts["pauses"] += 1
-        state.airframe.skip(lost_s)

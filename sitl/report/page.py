@@ -165,10 +165,7 @@ def _sections(data: ReportData) -> Iterator[Section]:
                     "The map with everything above the flying height taken off: look for holes in floors and walls; "
                     "red is what could have been seen but is missing, on the roof too.",
                 ),
-                Picture(
-                    above,
-                    "The same from straight above: look for walls that are crooked, doubled or broken.",
-                ),
+                Picture(above, "The same from straight above: look for walls that are crooked, doubled or broken."),
             ],
         )
     if data.flights:

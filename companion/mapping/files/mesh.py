@@ -189,17 +189,8 @@ def _surface(
         before = some[:, np.newaxis] + _AROUND[(_AROUND <= 0).all(axis=1)]
         owners = index.find(keys_of(before)).astype(np.int32)
         n_vertices, n_triangles = make_surface(
-            values,
-            rows,
-            some,
-            source.threshold,
-            source.voxel_m,
-            SHIFT,
-            owners,
-            cells.bits,
-            cells.first,
-            vertices,
-            triangles,
+            *(values, rows, some, source.threshold, source.voxel_m, SHIFT),
+            *(owners, cells.bits, cells.first, vertices, triangles),
         )
         yield vertices[:n_vertices], triangles[:n_triangles]
         progress(_MARKED_SHARE + (1.0 - _MARKED_SHARE) * first / len(cells.chunks))

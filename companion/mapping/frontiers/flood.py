@@ -29,6 +29,7 @@ from companion.mapping.frontiers.plan import (
     KEPT,
     NONE,
     SIDES,
+    cell_of,
     first_sheet,
     is_node,
     kind_of,
@@ -226,8 +227,7 @@ def _remove(work: Work, node: Integer) -> None:
         at = waiting[count]
         if not is_node(plan, at):
             continue
-        sheet, place = at // CELLS, at % CELLS
-        i, j = plan.corners[sheet, 0] + (place >> 4), plan.corners[sheet, 1] + (place & 15)
+        i, j = cell_of(plan, at)
         steps, rank, from_mm = np.int64(plan.steps[at]), np.int64(plan.ranks[at]), entered_from_mm(plan, at)
         height_mm = np.int64(plan.heights_mm[at])
         flown = bool(plan.flags[at] & FLOWN)
@@ -265,8 +265,7 @@ def _remove(work: Work, node: Integer) -> None:
                         count += 1
                 other = int(plan.others[other])
     for n in range(gone):
-        sheet, place = removed[n] // CELLS, removed[n] % CELLS
-        _ask_again(work, plan.corners[sheet, 0] + (place >> 4), plan.corners[sheet, 1] + (place & 15))
+        _ask_again(work, *cell_of(plan, removed[n]))
 
 
 @inner

@@ -189,6 +189,13 @@ def on_tile(i: Integer, j: Integer) -> int:
 
 
 @inner
+def cell_of(plan: Plan, node: Integer) -> tuple[Integer, Integer]:
+    """The cell (i, j) that a node is on."""
+    sheet, place = node // CELLS, node % CELLS
+    return plan.corners[sheet, 0] + (place >> 4), plan.corners[sheet, 1] + (place & 15)
+
+
+@inner
 def is_node(plan: Plan, node: Integer) -> bool:
     """Whether there is a node that was entered, not only an obstacle behind unknown ones."""
     return bool(plan.steps[node] != NONE and plan.steps[node] != PROBE)

@@ -96,10 +96,7 @@ def brick_words(grid: Grid, row: int, brick: Integer) -> tuple[np.uint64, np.uin
     if has(mixed, brick):
         at = grid.first[row] + bits_in(mixed & ((_ONE << np.uint64(brick)) - _ONE))
         return grid.bricks[at, 0], grid.bricks[at, 1]
-    return (
-        _ALL if has(grid.occupied[row], brick) else _ZERO,
-        _ALL if has(grid.free[row], brick) else _ZERO,
-    )
+    return (_ALL if has(grid.occupied[row], brick) else _ZERO, _ALL if has(grid.free[row], brick) else _ZERO)
 
 
 @inner

@@ -206,15 +206,9 @@ class Surveyor:
         tiles = tiles_around(plan, tiles, rim)
         mark_near(plan, shape, tiles, max(blocked_cells, 0.0), self._wall_cells)
         part_sheets(plan, shape, tiles)
-        away_m = np.empty(int(plan.used[0]))
-        found = reached_parts(
-            plan,
-            shape,
-            np.array([here] if here >= 0 else [], np.int64),
-            self._flown[: self._flown_count],
-            away_m,
-            TILE * self._cell_m,
-        )
+        away_m, start = np.empty(int(plan.used[0])), np.array([here] if here >= 0 else [], np.int64)
+        flown = self._flown[: self._flown_count]
+        found = reached_parts(plan, shape, start, flown, away_m, TILE * self._cell_m)
         count_reached(plan, found, self._reached, tiles, counts)
         tiles = tiles_around(plan, tiles, look_cells // TILE + 1)
         mark_frontiers(plan, shape, tiles, self._reached, look_cells, counts)

@@ -17,6 +17,7 @@ from companion.mapping.frontiers.plan import (
     TILE,
     Plan,
     Shape,
+    cell_of,
     first_sheet,
     is_node,
     kind_of,
@@ -35,11 +36,10 @@ def make_room_around(plan: Plan, touched: NDArray[np.bool_], rim: int) -> None:
     for first in range(plan.used[0]):
         sheet = int(first if touched[first] else -1)
         while sheet >= 0:
-            for place in range(CELLS):
-                node = sheet * CELLS + place
+            for node in range(sheet * CELLS, (sheet + 1) * CELLS):
                 if not (is_node(plan, node) and kind_of(plan, node) == UNKNOWN):
                     continue
-                i, j = plan.corners[sheet, 0] + (place >> 4), plan.corners[sheet, 1] + (place & 15)
+                i, j = cell_of(plan, node)
                 for a in (-rim, rim):
                     for b in (-rim, rim):
                         if first_sheet(plan, i + a, j + b) < 0:

@@ -102,11 +102,7 @@ def spread(hit: np.uint64, hits: NDArray[np.int16]) -> None:
 
 @compiled
 def raise_(
-    old: NDArray[np.int16],
-    hits: NDArray[np.int16],
-    gains: NDArray[np.int16],
-    highest: np.int16,
-    new: NDArray[np.int16],
+    old: NDArray[np.int16], hits: NDArray[np.int16], gains: NDArray[np.int16], highest: np.int16, new: NDArray[np.int16]
 ) -> None:
     """One hit, and no miss, for each voxel in which a ray ended: hits win over misses.
 

@@ -98,15 +98,9 @@ class VoxelMap:
         if self._clear_m.shape != depth_m.shape:
             self._clear_m = np.empty(depth_m.shape, np.float32)
         marks = mark_hits(depth_m, rays, box)
-        clear = clear_depth(
-            depth_m,
-            rays.lowest_m,
-            rays.limit_m,
-            settings.margin_m,
-            settings.depth_noise_per_m,
-            min(hole_depth_m(settings.voxel_m, min(camera.fx_px, camera.fy_px)), rays.limit_m),
-            self._clear_m,
-        )
+        hole_m = min(hole_depth_m(settings.voxel_m, min(camera.fx_px, camera.fy_px)), rays.limit_m)
+        limits = rays.lowest_m, rays.limit_m, settings.margin_m, settings.depth_noise_per_m, hole_m
+        clear = clear_depth(depth_m, *limits, self._clear_m)
         self._revision += 1
         counts = np.zeros(3, np.int64)
         chunks_new = self._filled(
