@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from companion.mavlink.ids import MavSeverity
 from companion.model import Pose
 from sitl.autopilot.airframe import Airframe, Battery, Surroundings, flat
 from sitl.autopilot.commands import Commands
@@ -20,7 +21,7 @@ from sitl.autopilot.mavlink import dialect as m
 from sitl.autopilot.origin import to_global
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.personality import Personality
-from sitl.autopilot.state import Mode, Severity, State
+from sitl.autopilot.state import Mode, State
 from sitl.autopilot.telemetry import Streams, Telemetry
 
 STEP_S = 0.01
@@ -148,7 +149,7 @@ class Autopilot:
         state.flown = state.flown or state.flying
         state.on_ground_s = state.on_ground_s + STEP_S if state.armed and state.airframe.on_ground else 0.0
         if state.airframe.crashed and not was_crashed:
-            state.say(Severity.CRITICAL, "Crash: Disarming")
+            state.say(MavSeverity.CRITICAL, "Crash: Disarming")
             state.disarm("Disarmed by crash")
         self._drain()
 
@@ -157,10 +158,10 @@ class Autopilot:
         state.battery.step(STEP_S, state.flying)
         if state.battery.percent < 15.0 and not state.low_battery_reported:
             state.low_battery_reported = True
-            state.say(Severity.WARNING, "Low battery")
+            state.say(MavSeverity.WARNING, "Low battery")
         landing = self.personality.modes[self.personality.land_mode]
         if state.battery.percent < _EMPTY_PERCENT and state.flying and state.mode is not landing:
-            state.say(Severity.CRITICAL, "Battery empty, landing")
+            state.say(MavSeverity.CRITICAL, "Battery empty, landing")
             state.enter(landing)
 
     def _say(self) -> list[Message]:
@@ -177,7 +178,7 @@ class Autopilot:
             sent.append(m.MAVLink_timesync_message(0, math.floor(state.since_boot_s * 1e9)))
         return sent
 
-    def _text(self, severity: Severity, text: bytes) -> list[Message]:
+    def _text(self, severity: MavSeverity, text: bytes) -> list[Message]:
         """A STATUSTEXT, in pieces when it is longer than one holds."""
         if len(text) <= _TEXT_BYTES:
             return [m.MAVLink_statustext_message(int(severity), text)]

@@ -135,13 +135,9 @@ class Inbox:
 
     def _param_value(self, name: str) -> Message:
         parameters = self._state.parameters
-        return m.MAVLink_param_value_message(
-            name.encode(),
-            parameters.encoded(name),
-            int(parameters.kind(name)),
-            len(parameters.names),
-            parameters.names.index(name),
-        )
+        count, index = len(parameters.names), parameters.names.index(name)
+        kind = int(parameters.kind(name))
+        return m.MAVLink_param_value_message(name.encode(), parameters.encoded(name), kind, count, index)
 
     def _setpoint(self, message: Message) -> list[Message]:
         frame, personality = message.coordinate_frame, self._personality

@@ -145,17 +145,8 @@ class Telemetry:
             return None
         (lat_e7, lon_e7, alt_mm), home_mm = globe
         ned = self._estimate()[1]
-        return m.MAVLink_global_position_int_message(
-            self._boot_ms,
-            lat_e7,
-            lon_e7,
-            alt_mm,
-            round(alt_mm - home_mm),
-            _short(100.0 * ned.v_north_mps),
-            _short(100.0 * ned.v_east_mps),
-            _short(100.0 * ned.v_down_mps),
-            _compass_cdeg(ned.yaw_rad),
-        )
+        place = lat_e7, lon_e7, alt_mm, round(alt_mm - home_mm)
+        return m.MAVLink_global_position_int_message(self._boot_ms, *place, *_cmps(ned), _compass_cdeg(ned.yaw_rad))
 
     def _distance(self) -> Message | None:
         parameters = self._state.parameters
@@ -168,21 +159,20 @@ class Telemetry:
             self._boot_ms, *_RANGE_CM, reading_cm, m.MAV_DISTANCE_SENSOR_LASER, 0, m.MAV_SENSOR_ROTATION_PITCH_270, 0
         )
 
-    def _hil_state(self) -> Message:
+    def _truth(self) -> tuple[NedPose, GlobalPosition]:
         true = self._state.airframe.pose
-        ned = pose_to_ned(true)
-        lat_e7, lon_e7, alt_mm = to_global(true.x_m, true.y_m, true.z_m)
+        return pose_to_ned(true), to_global(true.x_m, true.y_m, true.z_m)
+
+    def _hil_state(self) -> Message:
+        ned, globe = self._truth()
         q = quaternion(ned.yaw_rad, ned.pitch_rad, ned.roll_rad)
-        velocity = [_short(100.0 * v) for v in (ned.v_north_mps, ned.v_east_mps, ned.v_down_mps)]
         return m.MAVLink_hil_state_quaternion_message(
-            round(self._state.since_boot_s * 1e6), q, 0.0, 0.0, ned.yaw_rate_radps, lat_e7, lon_e7, alt_mm, *velocity,
+            round(self._state.since_boot_s * 1e6), q, 0.0, 0.0, ned.yaw_rate_radps, *globe, *_cmps(ned),
             0, 0, 0, 0, -1000,
         )  # fmt: skip
 
     def _sim_state(self) -> Message:
-        true = self._state.airframe.pose
-        ned = pose_to_ned(true)
-        lat_e7, lon_e7, alt_mm = to_global(true.x_m, true.y_m, true.z_m)
+        ned, (lat_e7, lon_e7, alt_mm) = self._truth()
         return m.MAVLink_sim_state_message(
             *quaternion(ned.yaw_rad, ned.pitch_rad, ned.roll_rad), ned.roll_rad, ned.pitch_rad, ned.yaw_rad,
             0.0, 0.0, -9.81, 0.0, 0.0, ned.yaw_rate_radps, lat_e7 * 1e-7, lon_e7 * 1e-7, alt_mm * 1e-3,
@@ -286,8 +276,11 @@ class Telemetry:
         )  # fmt: skip
 
 
-def _short(value: float) -> int:
-    return max(-_INT16, min(_INT16, round(value)))
+def _cmps(ned: NedPose) -> list[int]:
+    """The velocity in whole cm/s."""
+    return [
+        max(-_INT16, min(_INT16, round(100.0 * v_mps))) for v_mps in (ned.v_north_mps, ned.v_east_mps, ned.v_down_mps)
+    ]
 
 
 def _compass_cdeg(yaw_rad: float) -> int:

@@ -128,7 +128,7 @@ class SensorRig:
             draws = -math.log1p(-noise.depth_dropout_share) * depth.size
             dropped = self._rng.integers(0, depth.size, round(draws))
             _spoil(depth, spread, dropped, noise.depth_noise_per_m2)
-        _hide_near(depth, self._camera.min_range_m)
+        depth[depth < self._camera.min_range_m] = np.nan
         delay_s = noise.depth_latency_s if noise.enabled else 0.0
         self._in_flight.append((true.t_s + delay_s, DepthFrame(true.t_s, depth, self._camera, pose)))
 
@@ -171,14 +171,6 @@ def _spoil(
             z[i] += scale * z[i] * z[i] * noise[i]
     for i in dropped:
         z[i] = np.nan
-
-
-@compiled
-def _hide_near(depth: NDArray[np.float32], min_range_m: float) -> None:
-    for v in range(depth.shape[0]):
-        for u in range(depth.shape[1]):
-            if depth[v, u] < min_range_m:
-                depth[v, u] = np.nan
 
 
 def _due(t_s: float, next_s: float) -> bool:

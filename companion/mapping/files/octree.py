@@ -302,7 +302,10 @@ def _tree_above(roots: _Roots, *, full: bool) -> _Tree:
     nodes = pruned = 0
     level = roots
     for depth in range(CHUNK_LEVEL, -1, -1):
-        above, in_tree, own_records = _parents(level, full=full) if depth else _top(level)
+        # Nothing is above the root, and it stays in the tree.
+        above, in_tree, own_records = (
+            _parents(level, full=full) if depth else (level, np.ones(len(level.codes), bool), [])
+        )
         kept = level.kinds == INNER if depth < CHUNK_LEVEL and not full else in_tree
         if depth == CHUNK_LEVEL:
             pruned = int(np.count_nonzero(~in_tree))
@@ -317,11 +320,6 @@ def _tree_above(roots: _Roots, *, full: bool) -> _Tree:
     return _Tree(
         np.concatenate(is_chunk)[order].tolist(), np.concatenate(numbers)[order].tolist(), records, nodes, pruned
     )
-
-
-def _top(root: _Roots) -> tuple[_Roots, NDArray[np.bool_], list[bytes]]:
-    """Nothing is above the root, and it stays in the tree."""
-    return root, np.ones(len(root.codes), np.bool_), []
 
 
 def _parents(below: _Roots, *, full: bool) -> tuple[_Roots, NDArray[np.bool_], list[bytes]]:

@@ -180,16 +180,12 @@ def frontiers_of(
         here_m: where the vehicle is.
     """
     nodes, groups = cells[:, 0], cells[:, 1]
-    ends = np.flatnonzero(np.diff(groups, append=-1)) + 1
     made = []
-    first = 0
-    for end in ends.tolist():
-        part = slice(first, end)
-        first = end
-        length_m = (part.stop - part.start) * edge_m
+    for part in np.split(np.arange(len(nodes)), np.flatnonzero(np.diff(groups)) + 1):
+        its = nodes[part]
+        length_m = len(its) * edge_m
         if length_m < LEAST_FRONTIER_M - 1e-9:
             continue
-        its = nodes[part]
         place = its % CELLS
         x_m = (plan.corners[its // CELLS, 0] + (place >> 4) + 0.5) * edge_m
         y_m = (plan.corners[its // CELLS, 1] + (place & 15) + 0.5) * edge_m

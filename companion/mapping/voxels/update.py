@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.compiled import compiled, compiled_unchecked
+from companion.compiled import compiled_unchecked
 from companion.mapping.voxels.carve import CLEAR, MIXED, UNSEEN, judge, look_through, offsets_of
 from companion.mapping.voxels.chunk_table import (
     Table,
@@ -126,7 +126,7 @@ def update_chunks(
                 if verdict_4 == MIXED:
                     look_through(clear_m, p, offsets, at_x, at_y, at_z, pixels, depths_m, seen)
                 else:
-                    fill(seen, verdict_4 == CLEAR)
+                    seen[:] = np.int16(verdict_4 == CLEAR)
                 load_brick(voxels, code, old)
                 lower(old, seen, miss, lowest, new)
                 spread(hit, hits)
@@ -147,13 +147,6 @@ def update_chunks(
     counts[HITS] += hit_count
     counts[LOWERED] += lowered_count
     return box.size_x * box.size_y * box.size_z
-
-
-@compiled
-def fill(seen: NDArray[np.int16], value: bool) -> None:
-    """All of a brick was looked through, or nothing of it."""
-    for n in range(BRICK):
-        seen[n] = np.int16(value)
 
 
 @compiled_unchecked
