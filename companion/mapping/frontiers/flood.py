@@ -43,12 +43,7 @@ from companion.mapping.voxels.lookup import FREE, UNKNOWN
 
 @compiled
 def follow_map(work: Work, cells: NDArray[np.int64]) -> None:
-    """Bring the plan up to date where the map has changed.
-
-    Args:
-        work: the plan and all that belongs to it.
-        cells: (n, 2) on which some voxel is different.
-    """
+    """Bring the plan up to date on ``cells`` (n, 2), on which some voxel is different."""
     for n in range(cells.shape[0]):
         _measure_again(work, cells[n, 0], cells[n, 1])
     _settle(work)
@@ -56,11 +51,7 @@ def follow_map(work: Work, cells: NDArray[np.int64]) -> None:
 
 @compiled
 def add_flown(work: Work, places: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Have the flood begin at places where the vehicle was too.
-
-    Args:
-        work: the plan and all that belongs to it.
-        places: (n, 3) cells and heights in mm, in the order of time.
+    """Have the flood begin too at ``places`` (n, 3) where the vehicle was: cells and heights in mm, in order of time.
 
     Returns:
         (n,) the new nodes; -1 where the vehicle was before on the same level, or there is no room.

@@ -155,16 +155,8 @@ def flown_around(
 
     One loop over the arrays themselves: a call for each cell of the circle would take ten times as long.
 
-    Args:
-        plan: the plan.
-        circle: see `Work`.
-        i: the cell.
-        j: the cell.
-        near: (n + 9, 2) is filled with nodes and their ranks; the last nine are used to work in.
-        most: as many as are wanted.
-
     Returns:
-        How many there are.
+        How many there are, ``most`` at the most: nodes and ranks are in ``near`` (n + 9, 2), whose last nine are room.
     """
     steps, others, keys, firsts = plan.steps, plan.others, plan.keys, plan.firsts
     blocks = near[near.shape[0] - 9 :, 0]

@@ -46,13 +46,9 @@ def mark_frontiers(
 ) -> None:
     """Mark the unknown nodes that can be seen through free ones from where the vehicle can be.
 
-    Args:
-        plan: gets the marks.
-        s: its numbers.
-        tiles: (MOST_SHEETS,) for which tiles, by their first sheets.
-        was: from `count_reached`.
-        look_cells: so far a look says something.
-        counts: (MOST_SHEETS, COUNTS), `FRONTIER_CELLS` is filled in: cells of a frontier, seen or not.
+    It is done for ``tiles`` (MOST_SHEETS,), by their first sheets; ``was`` is from `count_reached`, and ``look_cells``
+    is how far a look says something. In ``counts`` (MOST_SHEETS, COUNTS) `FRONTIER_CELLS` is filled in: cells of a
+    frontier, seen or not.
     """
     for first in range(plan.used[0]):
         if not tiles[first]:
@@ -172,12 +168,8 @@ def frontiers_of(
 ) -> list[Frontier]:
     """Those that are long enough: those that count first, near ones before far ones.
 
-    Args:
-        plan: the plan.
-        edge_m: edge of a cell.
-        cells: (n, 2) from `clusters`.
-        about: (n, 4) from `clusters`.
-        here_m: where the vehicle is.
+    ``cells`` (n, 2) and ``about`` (n, 4) are from `clusters`; a cell has the edge ``edge_m``, and the vehicle is at
+    ``here_m``.
     """
     nodes, groups = cells[:, 0], cells[:, 1]
     made = []

@@ -79,15 +79,7 @@ def lowered(value: np.int16, miss: np.int16, lowest: np.int16) -> np.int16:
 def lower(
     old: NDArray[np.int16], seen: NDArray[np.int16], miss: np.int16, lowest: np.int16, new: NDArray[np.int16]
 ) -> None:
-    """Fill in ``new`` (64,): one miss for each voxel that was looked through.
-
-    Args:
-        old: (64,) the brick before.
-        seen: (64,) not 0 where the voxel was looked through.
-        miss: what a miss adds.
-        lowest: lower clamp.
-        new: (64,) the brick afterwards.
-    """
+    """Fill in ``new`` from ``old``, (64,) both: one miss where ``seen`` (64,) is not 0, where it was looked through."""
     for n in range(BRICK):
         value = old[n]
         new[n] = lowered(value, miss, lowest) if seen[n] != _ZERO else value
@@ -104,14 +96,9 @@ def spread(hit: np.uint64, hits: NDArray[np.int16]) -> None:
 def raise_(
     old: NDArray[np.int16], hits: NDArray[np.int16], gains: NDArray[np.int16], highest: np.int16, new: NDArray[np.int16]
 ) -> None:
-    """One hit, and no miss, for each voxel in which a ray ended: hits win over misses.
+    """One hit, and no miss, where a ray ended and ``hits`` (64,) is not 0: hits win over misses.
 
-    Args:
-        old: (64,) the brick before.
-        hits: (64,) 1 where a ray ended, else 0.
-        gains: (64,) what a hit adds.
-        highest: upper clamp.
-        new: (64,) is changed.
+    ``old`` is the brick before, ``gains`` what a hit adds to each voxel, ``new`` is changed; (64,) all of them.
     """
     for n in range(BRICK):
         value = old[n]
