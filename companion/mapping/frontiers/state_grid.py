@@ -23,7 +23,6 @@ from companion.mapping.voxels.chunks import (
     bits_in,
     chunk_key,
     place_of,
-    row_of_key,
     slot_of,
 )
 from companion.mapping.voxels.lookup import FREE, OCCUPIED, UNKNOWN, states_of
@@ -78,7 +77,9 @@ def row_of(grid: Grid, x: Integer, y: Integer, z: Integer) -> int:
     inside = -CHUNK_LIMIT <= x < CHUNK_LIMIT and -CHUNK_LIMIT <= y < CHUNK_LIMIT and -CHUNK_LIMIT <= z < CHUNK_LIMIT
     if not inside:
         return -1
-    return row_of_key(grid.keys, grid.rows, chunk_key(x, y, z))
+    key = chunk_key(x, y, z)
+    slot = slot_of(grid.keys, key)
+    return int(grid.rows[slot]) if grid.keys[slot] == key else -1
 
 
 @inner

@@ -103,19 +103,19 @@ def bits_in(word: np.uint64) -> int:
 
 
 @compiled
-def home_of(keys: NDArray[np.int64], key: Integer) -> int:
-    """Where in the hash table, whose size is a power of two, the search for a key begins."""
+def home_of(mask: int, key: Integer) -> int:
+    """Where in the hash table, whose size is a power of two and ``mask`` + 1, the search for a key begins."""
     # Twice, because x is in the highest bits of the key, and one product carries bits only upwards.
     mixed = key * _GOLDEN
     mixed = (mixed ^ (mixed >> 32)) * _GOLDEN
-    return int((mixed ^ (mixed >> 32)) & (keys.shape[0] - 1))
+    return int((mixed ^ (mixed >> 32)) & mask)
 
 
 @compiled
 def slot_of(keys: NDArray[np.int64], key: Integer) -> int:
     """Where ``key`` is in the table, or the empty place where it belongs."""
     mask = keys.shape[0] - 1
-    slot = home_of(keys, key)
+    slot = home_of(mask, key)
     while keys[slot] != key and keys[slot] != EMPTY:
         slot = (slot + 1) & mask
     return slot
@@ -135,7 +135,7 @@ def forget_key(keys: NDArray[np.int64], rows: NDArray[np.int32], key: Integer) -
     gap = slot_of(keys, key)
     slot = (gap + 1) & mask
     while keys[slot] != EMPTY:
-        home = home_of(keys, keys[slot])
+        home = home_of(mask, keys[slot])
         if (slot - home) & mask >= (slot - gap) & mask:
             keys[gap], rows[gap] = keys[slot], rows[slot]
             gap = slot
