@@ -44,6 +44,9 @@ HEALTHY = 0x1F
 """Attitude, velocities and positions are known."""
 LONGEST_WAIT_S = 0.001
 
+SETPOINT = 84
+"""SET_POSITION_TARGET_LOCAL_NED."""
+
 
 class FakeAutopilot:
     """Sends what is due, and notes when setpoints arrive.
@@ -169,10 +172,6 @@ def _which_say_always_the_same() -> dict[str, Callable[[], bytes]]:
     mavlink = m.MAVLink(None, SYSTEM, AUTOPILOT)
     packets: dict[str, bytes] = {message.get_type(): message.pack(mavlink) for message in messages}
     return {name: functools.partial(bytes, packet) for name, packet in packets.items()}
-
-
-SETPOINT = 84
-"""SET_POSITION_TARGET_LOCAL_NED."""
 
 
 class Wire:

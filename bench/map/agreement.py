@@ -39,6 +39,8 @@ REASONS = {
     THROUGH: "the centre is looked through",
 }
 
+STATES = {int(UNKNOWN): "unknown", int(FREE): "free", int(OCCUPIED): "occupied"}
+
 
 class Observed(NamedTuple):
     """What the frames saw of n voxels.
@@ -150,9 +152,6 @@ def _seen(
             # The beam of the pixel at the centre passes it within half a diagonal of the pixel.
             why[n] = BETWEEN if np.sqrt(2.0) * z > voxel_m * min(fx, fy) else THROUGH
     return why
-
-
-STATES = {int(UNKNOWN): "unknown", int(FREE): "free", int(OCCUPIED): "occupied"}
 
 
 class Grid(NamedTuple):

@@ -22,6 +22,9 @@ PIECE = 256
 
 _OCTETS = VOLUME // 8
 
+ESTIMATED = "estimated_x_m", "estimated_y_m", "estimated_z_m"
+PLAIN = "x_m", "y_m", "z_m"
+
 
 class State(IntEnum):
     """What is drawn of a voxel."""
@@ -97,10 +100,6 @@ def packed(source: MapSource, progress: Callable[[int], None] = lambda _: None) 
         seen += len(piece.chunks)
         progress(seen)
     return PackedVoxels(source.voxel_m, np.concatenate(chunks), np.concatenate(bits, axis=1))
-
-
-ESTIMATED = "estimated_x_m", "estimated_y_m", "estimated_z_m"
-PLAIN = "x_m", "y_m", "z_m"
 
 
 def trajectories(folder: Path) -> dict[str, FloatArray]:

@@ -26,6 +26,12 @@ _MAX_CLIMB_ACCELERATION_MPS2 = 2.0
 _MAX_YAW_ACCELERATION_RADPS2 = 3.0
 _HARD_LANDING_MPS = 2.0
 
+CELLS = 4
+_FULL_V, _EMPTY_V = 4.2, 3.4
+
+_IDLE_SHARE = 0.05
+"""Of the power of flight, what the electronics need on the ground."""
+
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
@@ -237,12 +243,6 @@ class Airframe:
         push = self._drift_mps * math.sqrt(1.0 - keep * keep)
         fresh = self._rng.normal(size=3).tolist()
         self._disturbance = [keep * x + push * y for x, y in zip(self._disturbance, fresh, strict=True)]
-
-
-CELLS = 4
-_FULL_V, _EMPTY_V = 4.2, 3.4
-_IDLE_SHARE = 0.05
-"""Of the power of flight, what the electronics need on the ground."""
 
 
 class Battery:

@@ -29,6 +29,9 @@ _RANGE_CM = (10, 5000)
 _INT16 = 32767
 _NO_COVARIANCE = [math.nan] + [0.0] * 20
 
+_TOLERANCE_S = 5e-7
+"""Times are sums of periods."""
+
 
 class Telemetry:
     """Builds messages.
@@ -285,10 +288,6 @@ def _cmps(ned: NedPose) -> list[int]:
 
 def _compass_cdeg(yaw_rad: float) -> int:
     return round(math.degrees(yaw_rad) * 100.0) % 36000
-
-
-_TOLERANCE_S = 5e-7
-"""Times are sums of periods."""
 
 
 class Streams:

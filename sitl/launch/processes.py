@@ -28,6 +28,15 @@ END_TIMEOUT_S = 10.0
 _SERVES = {"autopilot": "standing at", "world": "waiting for its truth"}
 """What a process says when it serves; one that dies says something too."""
 
+Sections = Mapping[str, Any]
+"""Nested mappings, like those in a settings file."""
+
+OF_PERSONALITY: Mapping[str, Sections] = {
+    "px4": {},
+    "ardupilot": {"control": {"governor": {"brake_mps2": ARDUCOPTER_BRAKE_MPS2}}},
+}
+"""What an autopilot needs that is not the default; without it pre-flight refuses to fly it."""
+
 
 class CrewError(CompanionError):
     """A process of the flight did not start, or ended too soon."""
@@ -224,16 +233,6 @@ def patient() -> Iterator[None]:
 def environment() -> dict[str, str]:
     """For the application: its output line by line, also into a file."""
     return {**os.environ, "PYTHONUNBUFFERED": "1"}
-
-
-Sections = Mapping[str, Any]
-"""Nested mappings, like those in a settings file."""
-
-OF_PERSONALITY: Mapping[str, Sections] = {
-    "px4": {},
-    "ardupilot": {"control": {"governor": {"brake_mps2": ARDUCOPTER_BRAKE_MPS2}}},
-}
-"""What an autopilot needs that is not the default; without it pre-flight refuses to fly it."""
 
 
 def write_settings(file: Path, preset: str, personality: str, *layers: Sections) -> Settings:

@@ -17,6 +17,12 @@ Array = NDArray[np.float64]
 CORNER_M = 0.01
 """How far the grid lines beside a straight wall lie from it: so much do sharp corners lose."""
 
+Height = Callable[[Array, Array], Array]
+"""A continuous field over the plan: (x_m, y_m) -> m."""
+
+Displacement = Callable[[Array, Array], Array]
+"""Moves vertices: (points_m (n, 3), rise (n,) from 0 on the floor to 1 on the roof) -> moved points (n, 3)."""
+
 
 @dataclass(frozen=True, slots=True)
 class Drift:
@@ -89,12 +95,6 @@ def grid_lines(walls_m: Sequence[float], bends_m: Sequence[float], step_m: float
     stops = sorted([walls[0] - step_m, *pairs, *bends_m, walls[-1] + step_m])
     gaps = [np.linspace(a, b, int(np.ceil((b - a) / step_m)), endpoint=False) for a, b in itertools.pairwise(stops)]
     return np.append(np.concatenate(gaps), stops[-1])
-
-
-Height = Callable[[Array, Array], Array]
-"""A continuous field over the plan: (x_m, y_m) -> m."""
-Displacement = Callable[[Array, Array], Array]
-"""Moves vertices: (points_m (n, 3), rise (n,) from 0 on the floor to 1 on the roof) -> moved points (n, 3)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

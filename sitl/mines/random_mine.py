@@ -32,6 +32,18 @@ _PIECES = 8
 
 Edge = tuple[int, int]
 
+_WAVES = 24
+_WAVELENGTH_M = (1.0, 3.0)
+_FLOOR_SHARE = 0.4
+_FLOOR_RISE = 0.25
+_STEP_M = 0.35
+
+_ROUGHNESS_M, _LEAST_M = 0.18, 0.02
+"""Taken from both sides of a drift 3.2 m wide, the two leave 2.8 m clear."""
+
+_HEIGHT_M = (2.8, 3.6)
+_MAX_SLOPE = float(np.tan(np.deg2rad(8.0)))
+
 
 @dataclass(frozen=True, slots=True)
 class Network:
@@ -95,18 +107,6 @@ def _crooked(a_m: Array, b_m: Array, width_a_m: float, width_b_m: float, bow_m: 
     halves = np.linspace(width_a_m, width_b_m, _PIECES + 1) / 2.0
     pieces = zip(itertools.pairwise(curve), itertools.pairwise(halves.tolist()), strict=True)
     return [Drift(a, b, half_a, half_b, square=False) for (a, b), (half_a, half_b) in pieces]
-
-
-_WAVES = 24
-_WAVELENGTH_M = (1.0, 3.0)
-_FLOOR_SHARE = 0.4
-_FLOOR_RISE = 0.25
-
-_STEP_M = 0.35
-_ROUGHNESS_M, _LEAST_M = 0.18, 0.02
-"""Taken from both sides of a drift 3.2 m wide, the two leave 2.8 m clear."""
-_HEIGHT_M = (2.8, 3.6)
-_MAX_SLOPE = float(np.tan(np.deg2rad(8.0)))
 
 
 class Roughness:

@@ -36,6 +36,11 @@ STEP_M = 0.02
 APART_M = 0.1
 """A body that has come this much clear of the wall and touches it again has touched it twice."""
 
+COLUMNS = ("t_s", "x_m", "y_m", "z_m", "yaw_rad", "vx_mps", "vy_mps", "vz_mps", "d_m", "touching")
+
+MOST_ROWS = 2_000_000
+"""More than a day at 20 looks a second; a process that is forgotten must not fill the disk."""
+
 
 @dataclass(frozen=True, slots=True)
 class Look:
@@ -164,11 +169,6 @@ class ContactMonitor:
             "least_d_m": round(self.least_d_m, 3) if math.isfinite(self.least_d_m) else None,
             "time_below_d_s_fraction": None if share is None else round(share, 5),
         }
-
-
-COLUMNS = ("t_s", "x_m", "y_m", "z_m", "yaw_rad", "vx_mps", "vy_mps", "vz_mps", "d_m", "touching")
-MOST_ROWS = 2_000_000
-"""More than a day at 20 looks a second; a process that is forgotten must not fill the disk."""
 
 
 def write_score(path: Path, score: dict[str, object]) -> None:

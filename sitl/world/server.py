@@ -38,6 +38,8 @@ SEND_S = 1.0
 SCORE_S = 5.0
 STATUS_S = 10.0
 
+INTERRUPTED, TERMINATED = "interrupted", "terminated"
+
 
 @dataclass(frozen=True, slots=True)
 class Plan:
@@ -268,9 +270,6 @@ class WorldServer:
             f"{monitor.time_s:.0f} s, {monitor.path_m:.1f} m flown, {least}, {monitor.contacts} contacts, "
             f"{self._frames} frames, {self._estimates} odometry"
         )
-
-
-INTERRUPTED, TERMINATED = "interrupted", "terminated"
 
 
 async def every(period_s: float, action: Callable[[], None], at_once: bool = True) -> None:

@@ -41,6 +41,26 @@ FREE_LEAF, OCCUPIED_LEAF = np.int16(1), np.int16(2)
 
 _INNER_BITS = 3
 
+LEVELS = 16
+
+CHUNK_LEVEL = LEVELS - SHIFT
+"""A chunk is a node at this depth."""
+
+CHUNK_OFFSET = 2 ** (CHUNK_LEVEL - 1)
+"""OctoMap counts from the lowest corner of its cube, and the origin is in the middle of it."""
+
+BINARY_NAME, FULL_NAME = "# Octomap OcTree binary file", "# Octomap OcTree file"
+"""First lines of the files."""
+
+THRESHOLD_NOTE = "# occupied from log-odds of"
+"""OctoMap's files do not say from where on a voxel is occupied; our reader finds it in this comment."""
+
+_CHUNKS = 256
+"""Chunks that are encoded at a time: their room in memory is 6 MB."""
+
+_ENCODED_SHARE = 0.7
+"""Of the whole work, when everything is in the spool."""
+
 
 @compiled
 def joined(
@@ -139,26 +159,6 @@ def encode_chunks(
                         top += 1
         ends[row], nodes[row] = end, count
     return root_values, root_kinds
-
-
-LEVELS = 16
-CHUNK_LEVEL = LEVELS - SHIFT
-"""A chunk is a node at this depth."""
-
-CHUNK_OFFSET = 2 ** (CHUNK_LEVEL - 1)
-"""OctoMap counts from the lowest corner of its cube, and the origin is in the middle of it."""
-
-BINARY_NAME, FULL_NAME = "# Octomap OcTree binary file", "# Octomap OcTree file"
-"""First lines of the files."""
-
-THRESHOLD_NOTE = "# occupied from log-odds of"
-"""OctoMap's files do not say from where on a voxel is occupied; our reader finds it in this comment."""
-
-_CHUNKS = 256
-"""Chunks that are encoded at a time: their room in memory is 6 MB."""
-
-_ENCODED_SHARE = 0.7
-"""Of the whole work, when everything is in the spool."""
 
 
 def write_bt(export: Export, file: BinaryIO, progress: Progress) -> None:

@@ -27,6 +27,12 @@ MOST_STEPS = 60_000
 MOST_TASKS = 2**20
 """Cells that may wait at once to be looked at."""
 
+RANK_OF_SIDES = 60_000
+"""Who was so near that it must be free comes before who is beside a free node."""
+
+WIDEST = 15
+"""Cells around a place flown that may be free because of it: they lie on its tile or on the next one."""
+
 
 class Tasks(NamedTuple):
     """Cells that wait to be looked at, by the number of steps at which something may enter them.
@@ -106,10 +112,6 @@ def wait(tasks: Tasks, steps: Integer, i: Integer, j: Integer) -> None:
     tasks.state[2] = max(tasks.state[2], steps)
 
 
-RANK_OF_SIDES = 60_000
-"""Who was so near that it must be free comes before who is beside a free node."""
-
-
 @inner
 def entered_from_mm(plan: Plan, node: Integer) -> int:
     """The height of the node from which one was entered."""
@@ -141,10 +143,6 @@ def is_taken(plan: Plan, s: Shape, i: Integer, j: Integer, steps: Integer, rank:
             return True
         sheet = int(plan.others[sheet])
     return False
-
-
-WIDEST = 15
-"""Cells around a place flown that may be free because of it: they lie on its tile or on the next one."""
 
 
 @inner

@@ -11,6 +11,16 @@ from companion.mapping.voxels.chunks import EMPTY, row_of_key, slot_of
 
 _FIRST_ROWS = 256
 
+_PLACE, _SIZE = 0, 1
+_OFFSET_BITS = 32
+_OFFSET = (1 << _OFFSET_BITS) - 1
+
+_WASTE = 1.75
+"""Files may be this many times as large as what is needed of them."""
+
+_WORTH_COPYING = 0.75
+"""A file of which a larger share is needed is left alone."""
+
 
 class ChunkRows:
     """Numbers for each chunk of a map. Chunks are only ever added.
@@ -88,17 +98,6 @@ def _add(
             size += 1
         rows[n] = hash_rows[slot]
     return rows, size
-
-
-_PLACE, _SIZE = 0, 1
-_OFFSET_BITS = 32
-_OFFSET = (1 << _OFFSET_BITS) - 1
-
-_WASTE = 1.75
-"""Files may be this many times as large as what is needed of them."""
-
-_WORTH_COPYING = 0.75
-"""A file of which a larger share is needed is left alone."""
 
 
 class Contents:

@@ -6,6 +6,7 @@ import errno
 import fcntl
 import os
 import re
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,6 +19,9 @@ from companion.mapping.voxels.chunks import keys_of
 from companion.mapping.voxels.piece import Progress, silent
 
 LOCK_NAME = "lock"
+
+_ATTEMPTS = 100
+_SEGMENT_NAME = re.compile(r"[0-9]*[1-9][0-9]*" + re.escape(SUFFIX))
 
 
 def lock(folder: Path) -> int:
@@ -39,17 +43,11 @@ def lock(folder: Path) -> int:
                 f"{folder}: process {owner or '?'} is writing it; end that one, or give another folder"
             ) from None
         raise
-    try:
+    # The number is only for the message above: a full disk must not keep anyone from the map.
+    with suppress(OSError):
         os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
-    except OSError:
-        # The number is only for the message above: a full disk must not keep anyone from the map.
-        return descriptor
     return descriptor
-
-
-_ATTEMPTS = 100
-_SEGMENT_NAME = re.compile(r"[0-9]*[1-9][0-9]*" + re.escape(SUFFIX))
 
 
 @dataclass(slots=True)

@@ -27,6 +27,10 @@ FRONT_BYTES = _FRONT.size
 MOST_RECORD_BYTES = FRONT_BYTES + MOST_BYTES
 _SUMMED_FROM = 8
 
+SUFFIX = ".segment"
+_READ_BYTES = 1 << 20
+_PAGE_BYTES = 4096
+
 
 @dataclass(frozen=True, slots=True)
 class Loss:
@@ -112,11 +116,6 @@ def _is_torn(view: memoryview, at: int) -> bool:
     mark, _, size, *_ = _FRONT.unpack(rest[:FRONT_BYTES].ljust(FRONT_BYTES, b"\0"))
     begins = mark == _MARK or _MARK_BYTES.startswith(rest)
     return bool(begins and len(rest) < FRONT_BYTES + size)
-
-
-SUFFIX = ".segment"
-_READ_BYTES = 1 << 20
-_PAGE_BYTES = 4096
 
 
 class Segment:

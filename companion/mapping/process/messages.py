@@ -19,6 +19,9 @@ from numpy.typing import DTypeLike, NDArray
 from companion.errors import CompanionError
 from companion.model import Camera, Pose
 
+SLOTS = 3
+"""One is being read, one is waiting, and one is the next to be written."""
+
 
 class MapError(CompanionError):
     """The map could not be started, resumed or written."""
@@ -156,10 +159,6 @@ class Kept:
 Offered = OfferedFrame | OfferedScan
 ToMap = Offered | Keep | Stop
 FromMap = Preparing | Ready | Failed | Taken | MapStatus | Kept
-
-
-SLOTS = 3
-"""One is being read, one is waiting, and one is the next to be written."""
 
 
 class SlotRing:

@@ -20,13 +20,12 @@ from companion.model import FloatArray
 Progress = Callable[[float], None]
 """Takes the share of the work that is done, from 0 to 1. An error that it raises ends the work."""
 
+MOST_CHUNKS = 1024
+"""Chunks of one piece, where nothing else is said: 8 MiB of voxels."""
+
 
 def silent(_share: float) -> None:
     """The progress that nobody watches."""
-
-
-MOST_CHUNKS = 1024
-"""Chunks of one piece, where nothing else is said: 8 MiB of voxels."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,11 @@ from companion.mapping.voxels.chunks import BRICK, NOTHING
 
 _BINS = 128
 
+HITS, LOWERED, CHANGED = 0, 1, 2
+"""Places in the counts of an update: voxels hit, voxels made surer of being free, chunks changed."""
+
+_ZERO = np.int16(0)
+
 
 class Steps(NamedTuple):
     """The sensor model, as the compiled functions take it; all log-odds in thousandths.
@@ -61,12 +66,6 @@ def steps_of(settings: MapSettings) -> Steps:
         highest=milli_log_odds(settings.clamp_max_probability),
         threshold=milli_log_odds(settings.occupied_probability),
     )
-
-
-HITS, LOWERED, CHANGED = 0, 1, 2
-"""Places in the counts of an update: voxels hit, voxels made surer of being free, chunks changed."""
-
-_ZERO = np.int16(0)
 
 
 @compiled
