@@ -43,9 +43,9 @@ class OfferedMap(MapClient):
             self.took_s.append(time.perf_counter() - began_s)
         return taken
 
-    async def __aexit__(self, *_: object) -> None:
+    async def __aexit__(self, *how: object) -> None:
         """As of the base; then the times go to the file that the environment names."""
-        await super().__aexit__(*_)
+        await super().__aexit__(*how)
         self._write()
 
     def _write(self) -> None:
@@ -82,9 +82,9 @@ class BusyMap(NoMap):
         self._stranger.start()
         return await super().__aenter__()
 
-    async def __aexit__(self, *_: object) -> None:
+    async def __aexit__(self, *how: object) -> None:
         """End it."""
-        await super().__aexit__(*_)
+        await super().__aexit__(*how)
         self._stranger.kill()
         self._stranger.join()
 
@@ -110,10 +110,10 @@ class FullMap(OfferedMap):
         await self._feeding.enter_async_context(background(self._feed()))
         return self
 
-    async def __aexit__(self, *_: object) -> None:
+    async def __aexit__(self, *how: object) -> None:
         """Stop feeding first."""
         await self._feeding.aclose()
-        await super().__aexit__(*_)
+        await super().__aexit__(*how)
 
     def offer(self, frame: DepthFrame, source: int = 0) -> bool:
         """And remember it."""

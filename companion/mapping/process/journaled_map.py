@@ -53,7 +53,7 @@ class JournaledMap(PagedMap):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
+    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
         """Keep everything, unless an error of ours has broken off what was done, and let go of the journal."""
         if error is None:
             self.keep()
