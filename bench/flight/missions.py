@@ -9,12 +9,11 @@ python -m bench.flight.missions --worlds path/to/mine.ply --seeds 1
 from __future__ import annotations
 
 import statistics
-import sys
 from argparse import Namespace
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 
-from bench.table import Row, parser, show, write
+from bench.common import Row, camera_rate, parser, say, show, with_camera, write
 
 WORLDS = ("complex", "slope", "room", "random:1", "random:2", "random:3")
 
@@ -28,11 +27,7 @@ def mission(world: str, seed: int, preset: str, vehicles: int, limit_s: float, c
     settings = load_settings(None, preset)
     width_px, height_px, rate_hz = camera
     if width_px:
-        seen = settings.sensors.camera.model_copy(
-            update={"width_px": width_px, "height_px": height_px, "rate_hz": rate_hz}
-        )
-        sensors = settings.sensors.model_copy(update={"camera": seen})
-        settings = settings.model_copy(update={"sensors": sensors})
+        settings = with_camera(settings, width_px=width_px, height_px=height_px, rate_hz=rate_hz)
     simulation = Simulation(load_world(world, seed), settings, seed, vehicles)
     simulation.run(limit_s)
     return {"preset": preset, **simulation.score()}
@@ -41,26 +36,18 @@ def mission(world: str, seed: int, preset: str, vehicles: int, limit_s: float, c
 def flown(arguments: Namespace) -> Iterator[Row]:
     """Every mission that was asked for, as they end."""
     with ProcessPoolExecutor(arguments.jobs) as pool:
-        jobs = {
+        jobs = [
             pool.submit(
-                mission,
-                world,
-                seed,
-                arguments.preset,
-                arguments.vehicles,
-                arguments.time_limit,
-                arguments.camera,
-            ): (world, seed)
+                *(mission, world, seed, arguments.preset), *(arguments.vehicles, arguments.time_limit, arguments.camera)
+            )
             for seed in range(1, arguments.seeds + 1)
             for world in arguments.worlds.split(",")
-        }
+        ]
         for done, job in enumerate(as_completed(jobs), start=1):
             row = job.result()
-            print(
+            say(
                 f"{done}/{len(jobs)} {row['world']} seed {row['seed']}: {row['ended_because']}, "
-                f"completeness {row['completeness']}, least d {row['least_d_m']}",
-                file=sys.stderr,
-                flush=True,
+                f"completeness {row['completeness']}, least d {row['least_d_m']}"
             )
             yield row
 
@@ -102,7 +89,7 @@ def main() -> None:
     made.add_argument("--vehicles", type=int, default=1)
     made.add_argument("--time-limit", type=float, default=3600.0, help="simulated seconds")
     made.add_argument("--jobs", type=int, default=2, help="missions at a time")
-    made.add_argument("--camera", type=_camera, default=(0, 0, 0.0), help="WIDTHxHEIGHT@HZ; else the preset's")
+    made.add_argument("--camera", type=camera_rate, default=(0, 0, 0.0), help="WIDTHxHEIGHT@HZ; else the preset's")
     arguments = made.parse_args()
     from companion.config.load import load_settings
 
@@ -121,12 +108,6 @@ def main() -> None:
     show(lines, max((list(line) for line in lines), key=len))
     if arguments.json is not None:
         write(rows, arguments.json)
-
-
-def _camera(text: str) -> tuple[int, int, float]:
-    size, _, rate = text.partition("@")
-    width, _, height = size.partition("x")
-    return int(width), int(height), float(rate)
 
 
 if __name__ == "__main__":

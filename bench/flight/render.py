@@ -6,13 +6,11 @@ within the camera's range; pixels where only one of them saw something are count
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
-from pathlib import Path
 
 import numpy as np
 
+from bench.common import Row, parser, show
 from companion.geometry import camera_to_world
 from companion.model import Camera, Pose
 from sitl.mines import World, load_world
@@ -26,29 +24,18 @@ POSES = 40
 
 def main() -> None:
     """Measures, prints a table, and writes it as JSON if asked to."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("meshes", nargs="*", metavar="MESH", help="mesh files to measure in too")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the numbers there")
-    arguments = parser.parse_args()
-
-    heads = ("triangles", "pixels", "render ms", "cast ms", "ratio", "worst m", "lone")
-    print(f"{'world':<24}" + "".join(f"{head:>11}" for head in heads))
+    made = parser(__doc__)
+    made.add_argument("meshes", nargs="*", metavar="MESH", help="mesh files to measure in too")
+    arguments = made.parse_args()
     rows = []
     for spec in (*WORLDS, *arguments.meshes):
         world = load_world(spec, seed=0)
         caster = RayCaster(world)
-        for size_px in SIZES_PX:
-            row = measured(world, caster, size_px)
-            rows.append(row)
-            print(
-                f"{row['world']:<24}{row['triangles']:>11}{row['pixels']:>11}{row['render_ms']:>11.2f}"
-                f"{row['cast_ms']:>11.1f}{row['ratio']:>11.0f}{row['worst_m']:>11.1e}{row['lone_pixels']:>11}"
-            )
-    if arguments.json is not None:
-        arguments.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+        rows += [measured(world, caster, size_px) for size_px in SIZES_PX]
+    show(rows, list(rows[0]), arguments.json)
 
 
-def measured(world: World, caster: RayCaster, size_px: tuple[int, int]) -> dict[str, str | int | float]:
+def measured(world: World, caster: RayCaster, size_px: tuple[int, int]) -> Row:
     """One row of the table: medians over random poses."""
     width_px, height_px = size_px
     focal_px = width_px / 2.0 / np.tan(np.deg2rad(86.0) / 2.0)

@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 
-from bench.table import Row, parser, show
+from bench.common import Row, parser, quantiles, show, with_camera
 from companion.config.load import load_settings
 from companion.config.settings import Settings
 from companion.control.navigator import Navigator
@@ -49,9 +49,7 @@ def observations(settings: Settings, ticks: int) -> list[Observation]:
 
 def cost(width_px: int, height_px: int) -> Row:
     """Milliseconds a tick, over all ticks and over those that hold a frame."""
-    settings = load_settings(None, "flight")
-    camera = settings.sensors.camera.model_copy(update={"width_px": width_px, "height_px": height_px})
-    settings = settings.model_copy(update={"sensors": settings.sensors.model_copy(update={"camera": camera})})
+    settings = with_camera(load_settings(None, "flight"), width_px=width_px, height_px=height_px)
     seen = observations(settings, TICKS if width_px < 640 else TICKS // 4)
     extractor = Extractor(settings.sensors, settings.vehicle)
     navigator = Navigator(settings.control, np.random.default_rng(1))
@@ -67,10 +65,8 @@ def cost(width_px: int, height_px: int) -> Row:
     return {
         "camera": f"{width_px} x {height_px}",
         "ticks": len(every),
-        "all p50, ms": float(np.percentile(every, 50)),
-        "all p99, ms": float(np.percentile(every, 99)),
-        "with frame p50, ms": float(np.percentile(with_frame, 50)),
-        "with frame p99, ms": float(np.percentile(with_frame, 99)),
+        **quantiles("all", every),
+        **quantiles("with frame", with_frame),
         "worst, ms": max(every),
     }
 

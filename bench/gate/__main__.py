@@ -23,10 +23,9 @@ from pathlib import Path
 import numpy as np
 import psutil
 
+from bench.common import Row, Usage, parser, quantiles, show
 from bench.gate.autopilot import FakeAutopilot
 from bench.gate.child import WARM_UP_S, timed, timed_socket
-from bench.table import Row, parser, show
-from bench.usage import Usage
 from companion.config.settings import Settings
 from companion.gate.plan import Plan
 from companion.gate.protocol import GATE_FD
@@ -45,20 +44,19 @@ COLUMNS = (
 
 def through_gate(hz: float, seconds: float, realtime: bool, profile: Path | None = None) -> Row:
     """One flight through a gate, which ends with the death of the application."""
-    with _folder() as folder, timed_socket() as wire:
-        file = folder / "delays.json"
-        child = (sys.executable, "-m", "bench.gate.child", str(hz), str(seconds), str(file))
+    with tempfile.TemporaryDirectory(prefix="bench-gate-") as name, timed_socket() as wire:
+        folder = Path(name)
+        child, file = _application(hz, seconds, folder)
         (port,) = free_udp_ports(1)
         plan = _plan(port, child, realtime)
         autopilot = FakeAutopilot(wire, ("127.0.0.1", port))
         with _gate(plan, folder, profile) as gate:
-            _until(autopilot, lambda: autopilot.flies, START_S)
-            _for(autopilot, WARM_UP_S)
-            autopilot.setpoint_delays_us.clear()
+            _warm_up(autopilot)
             before, sent_before = Usage.of(gate.pid), autopilot.sent
             _until(autopilot, file.exists, seconds + START_S)
             after = Usage.of(gate.pid)
-            stopped_s = _kill_and_wait(autopilot, _child_of(gate.pid))
+            (application,) = psutil.Process(gate.pid).children()
+            stopped_s = _kill_and_wait(autopilot, application.pid)
             gate.send_signal(signal.SIGTERM)
             autopilot.land()
             if profile is not None:
@@ -77,22 +75,16 @@ def through_gate(hz: float, seconds: float, realtime: bool, profile: Path | None
 
 def straight(hz: float, seconds: float) -> Row:
     """The same flight without a gate: the autopilot has the other end of the application's socket."""
-    with _folder() as folder, contextlib.ExitStack() as stack:
-        file = folder / "delays.json"
+    with tempfile.TemporaryDirectory(prefix="bench-gate-") as name, contextlib.ExitStack() as stack:
+        command, file = _application(hz, seconds, Path(name))
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         stack.enter_context(ours)
         stack.enter_context(theirs)
         autopilot = FakeAutopilot(timed(ours), None)
         environment = {**os.environ, GATE_FD: str(theirs.fileno())}
-        child = subprocess.Popen(  # noqa: S603 - our own
-            (sys.executable, "-m", "bench.gate.child", str(hz), str(seconds), str(file)),
-            env=environment,
-            pass_fds=(theirs.fileno(),),
-        )
+        child = subprocess.Popen(command, env=environment, pass_fds=(theirs.fileno(),))  # noqa: S603 - our own
         stack.callback(_end, child)
-        _until(autopilot, lambda: autopilot.flies, START_S)
-        _for(autopilot, WARM_UP_S)
-        autopilot.setpoint_delays_us.clear()
+        _warm_up(autopilot)
         begun_s, sent_before = time.monotonic(), autopilot.sent
         _until(autopilot, file.exists, seconds + START_S)
         sent_hz = (autopilot.sent - sent_before) / (time.monotonic() - begun_s)
@@ -100,9 +92,18 @@ def straight(hz: float, seconds: float) -> Row:
         return _row("straight", hz, autopilot.setpoint_delays_us, down_us) | {"messages/s": sent_hz}
 
 
-def first_stops_ms(count: int, realtime: bool) -> list[float]:
-    """How soon the gate's first stop is on the wire after the application was killed, again and again."""
-    return [_number(through_gate(20.0, SHORT_S, realtime)["first stop, ms"]) for _ in range(count)]
+def _application(hz: float, seconds: float, folder: Path) -> tuple[tuple[str, ...], Path]:
+    """The command of the application, and the file in which it leaves how late the autopilot's messages came."""
+    file = folder / "delays.json"
+    return (sys.executable, "-m", "bench.gate.child", str(hz), str(seconds), str(file)), file
+
+
+def _warm_up(autopilot: FakeAutopilot) -> None:
+    """Be the autopilot until the application flies at its full speed; what was measured before does not count."""
+    _until(autopilot, lambda: autopilot.flies, START_S)
+    end_s = time.monotonic() + WARM_UP_S
+    _until(autopilot, lambda: time.monotonic() >= end_s, math.inf)
+    autopilot.setpoint_delays_us.clear()
 
 
 def _row(path: str, hz: float, up_us: list[float], down_us: list[float]) -> Row:
@@ -111,11 +112,9 @@ def _row(path: str, hz: float, up_us: list[float], down_us: list[float]) -> Row:
         "path": path,
         "setpoints/s": hz,
         "setpoints": up.size,
-        "up p50, ms": float(np.percentile(up, 50)),
-        "up p99, ms": float(np.percentile(up, 99)),
+        **quantiles("up", up),
         "up worst, ms": float(up.max()),
-        "down p50, ms": float(np.percentile(down, 50)),
-        "down p99, ms": float(np.percentile(down, 99)),
+        **quantiles("down", down),
         "down worst, ms": float(down.max()),
     }
 
@@ -155,7 +154,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 def _kill_and_wait(autopilot: FakeAutopilot, pid: int) -> float:
     """Seconds from the death of the application to the first stop of the gate."""
-    autopilot.forget_stops()
+    autopilot.stopped_ns = 0
     begun_ns = time.monotonic_ns()
     os.kill(pid, signal.SIGKILL)
     _until(autopilot, lambda: autopilot.stopped_ns > 0, STOP_S)
@@ -170,22 +169,6 @@ def _until(autopilot: FakeAutopilot, ready: Callable[[], bool], timeout_s: float
             raise TimeoutError
         select.select([autopilot.wire], [], [], autopilot.wait_s())
         autopilot.turn()
-
-
-def _for(autopilot: FakeAutopilot, duration_s: float) -> None:
-    end_s = time.monotonic() + duration_s
-    _until(autopilot, lambda: time.monotonic() >= end_s, math.inf)
-
-
-def _child_of(pid: int) -> int:
-    (child,) = psutil.Process(pid).children()
-    return child.pid
-
-
-@contextlib.contextmanager
-def _folder() -> Iterator[Path]:
-    with tempfile.TemporaryDirectory(prefix="bench-gate-") as name:
-        yield Path(name)
 
 
 def _number(value: object) -> float:
@@ -213,7 +196,8 @@ def main() -> None:
                 row[f"added {share}, ms"] = _number(row[key]) - _number(base[key])
             rows.append(row)
     for realtime in (True, False):
-        stops_ms = first_stops_ms(KILLS, realtime)
+        # How soon the gate's first stop is on the wire after the application was killed, again and again.
+        stops_ms = [_number(through_gate(20.0, SHORT_S, realtime)["first stop, ms"]) for _ in range(KILLS)]
         path = "gate" if realtime else "gate, not real time"
         rows.append({"path": f"{path}, worst of {KILLS} deaths", "setpoints/s": 20.0, "first stop, ms": max(stops_ms)})
     show(rows, COLUMNS, arguments.json)

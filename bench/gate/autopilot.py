@@ -1,13 +1,17 @@
-"""An autopilot that says 1,000 things a second and obeys everything: the other end of `bench.gate`."""
+"""The other end of `bench.gate`: an autopilot that says 1,000 things a second and obeys everything, and a wire."""
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import select
 import socket
+import threading
 import time
 from collections.abc import Callable
+from typing import Self
 
-from bench.gate.child import OFFBOARD, SPEED_MPS, SYSTEM, received
+from bench.gate.child import OFFBOARD, SPEED_MPS, SYSTEM, received, timed_socket
 from companion.mavlink.codec import Encoder, Framer, decode
 from companion.mavlink.ids import MavModeFlag
 from sitl.autopilot.mavlink import dialect as m
@@ -40,6 +44,9 @@ HEALTHY = 0x1F
 """Attitude, velocities and positions are known."""
 LONGEST_WAIT_S = 0.001
 
+SETPOINT = 84
+"""SET_POSITION_TARGET_LOCAL_NED."""
+
 
 class FakeAutopilot:
     """Sends what is due, and notes when setpoints arrive.
@@ -52,7 +59,7 @@ class FakeAutopilot:
         sent: messages so far.
         flies: whether setpoints that move the vehicle arrive.
         setpoint_delays_us: from the moment that each of the application's setpoints carries until its arrival.
-        stopped_ns: when the gate's first stop came since `forget_stops`; 0: none has.
+        stopped_ns: when the gate's first stop came since this was set to 0; 0: none has.
     """
 
     def __init__(self, wire: socket.socket, to: tuple[str, int] | None) -> None:
@@ -79,10 +86,6 @@ class FakeAutopilot:
     def wait_s(self) -> float:
         """Until something is due."""
         return max(0.0, min(min(self._due_s.values()) - time.monotonic(), LONGEST_WAIT_S))
-
-    def forget_stops(self) -> None:
-        """Wait for the next."""
-        self.stopped_ns = 0
 
     def land(self) -> None:
         """Be disarmed from now on."""
@@ -169,3 +172,48 @@ def _which_say_always_the_same() -> dict[str, Callable[[], bytes]]:
     mavlink = m.MAVLink(None, SYSTEM, AUTOPILOT)
     packets: dict[str, bytes] = {message.get_type(): message.pack(mavlink) for message in messages}
     return {name: functools.partial(bytes, packet) for name, packet in packets.items()}
+
+
+class Wire:
+    """Between autopilot and gate: passes everything on, and stamps the setpoints.
+
+    Attributes:
+        port: where the autopilot sends.
+        setpoints: ns of arrival, and the MAVLink component that it is from.
+    """
+
+    def __init__(self, gate_port: int) -> None:
+        self.setpoints: list[tuple[int, int]] = []
+        self._near, self._far = timed_socket(), timed_socket()
+        self.port: int = self._near.getsockname()[1]
+        self._gate = ("127.0.0.1", gate_port)
+        self._framer = Framer(datagram=True)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="wire")
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+        self._near.close()
+        self._far.close()
+
+    def _run(self) -> None:
+        autopilot: tuple[str, int] | None = None
+        while not self._stop.is_set():
+            select.select([self._near, self._far], [], [], 0.1)
+            while (found := received(self._near)) is not None:
+                data, _, autopilot = found
+                with contextlib.suppress(OSError):
+                    self._far.sendto(data, self._gate)
+            while (found := received(self._far)) is not None:
+                data, arrived_ns, _ = found
+                for frame in self._framer.frames(data):
+                    if frame.message_id == SETPOINT:
+                        self.setpoints.append((arrived_ns, frame.component_id))
+                if autopilot is not None:
+                    with contextlib.suppress(OSError):
+                        self._near.sendto(data, autopilot)

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench import table
+from bench import common
 from companion.mapping.files import FORMATS, open_map, write, write_map, write_mesh
 from companion.mapping.voxels.chunks import NOTHING, OFFSETS
 from companion.mapping.voxels.piece import MOST_CHUNKS, MapPiece
@@ -79,7 +79,7 @@ class Tunnel:
             yield MapPiece(np.concatenate(moved), np.concatenate([self._variants[s % 8] for s in sections]))
 
 
-def measured(what: str, chunks: int, folder: Path) -> table.Row:
+def measured(what: str, chunks: int, folder: Path) -> common.Row:
     """One line, in this process, after a small map has been through the same, so that everything is compiled."""
     for source in (Tunnel(20), Tunnel(chunks)):
         path = _made(what, source, folder)
@@ -120,7 +120,7 @@ def _done(what: str, source: Tunnel, path: Path) -> list[Path]:
 
 def main() -> None:
     """Run the lines and print them."""
-    options = table.parser(__doc__)
+    options = common.parser(__doc__)
     options.add_argument("--chunks", type=int, nargs="+", default=CHUNKS)
     options.add_argument("--what", nargs="+", default=[READING, *FORMATS, MISSION, *MESHES, *READ_BACK])
     options.add_argument("--line", action="store_true", help="one line in this process, as JSON")
@@ -135,7 +135,7 @@ def main() -> None:
             command = [sys.executable, "-m", "bench.map.files", "--line", "--chunks", str(chunks), "--what", what]
             line = subprocess.run(command, capture_output=True, text=True, check=True).stdout  # noqa: S603 - our own
             rows.append(json.loads(line))
-    table.show(rows, COLUMNS, given.json)
+    common.show(rows, COLUMNS, given.json)
 
 
 if __name__ == "__main__":

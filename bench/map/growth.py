@@ -22,8 +22,8 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.common import Row, Usage, parser, quantiles, show, write
 from bench.map import frames as map_frames
-from bench.table import Row, parser, show, write
 from companion.mapping import VoxelMap
 from companion.mapping.journal import Header, Journal
 from companion.mapping.journal.paging import PagedMap
@@ -114,19 +114,14 @@ class Flight:
     def timed(self, frames: Iterator[DepthFrame], name: str) -> Row:
         """Put images into the map; median and p99 in ms."""
         clock_ms, cpu_ms = np.array([self.put(frame) for frame in frames]).T
-        return {
-            f"{name} p50, ms": float(np.median(clock_ms)),
-            f"{name} p99, ms": float(np.percentile(clock_ms, 99)),
-            f"{name} CPU, ms": float(np.median(cpu_ms)),
-        }
+        return quantiles(name, clock_ms) | {f"{name} CPU, ms": float(np.median(cpu_ms))}
 
     def sizes(self) -> Row:
         """What the map takes, and how long it took since the last time to write it."""
         row: Row = {"map, MB": self.voxels.memory_bytes / 1e6}
         if self.journal is not None:
             row["journal, MB"] = self.journal.bytes_on_disk / 1e6
-            row["flush p50, ms"] = float(np.median(self.flushes_ms))
-            row["flush p99, ms"] = float(np.percentile(self.flushes_ms, 99))
+            row |= quantiles("flush", self.flushes_ms)
         self.flushes_ms.clear()
         return row
 
@@ -137,7 +132,7 @@ def flown(flight: Flight, stations_km: list[float], compiled: Callable[[DepthFra
     fill, large = (period(map_frames.camera_of(*size_px), world) for size_px in (FILL_PX, TIMED_PX))
     for frame in (fill[0], large[0]):
         compiled(frame)
-    before_bytes = resident_bytes()
+    before_mb = Usage.of(os.getpid()).rss_mb
     done = 0
     for station_km in stations_km:
         last = round(1e3 * station_km / PERIOD_M)
@@ -151,14 +146,9 @@ def flown(flight: Flight, stations_km: list[float], compiled: Callable[[DepthFra
         row |= flight.timed(moved(large, 0), "return")
         done = last + 1
         gc.collect()
-        row |= flight.sizes() | {"RSS, MB": (resident_bytes() - before_bytes) / 1e6}
+        row |= flight.sizes() | {"RSS, MB": Usage.of(os.getpid()).rss_mb - before_mb}
         row["map, MB/km"] = float(str(row["map, MB"])) / (done * PERIOD_M / 1e3)
         yield row
-
-
-def resident_bytes() -> int:
-    """What this process has in memory now."""
-    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
 def main() -> None:

@@ -20,15 +20,15 @@ from pathlib import Path
 
 import numpy as np
 
-from bench import table
+from bench import common
 from bench.map.frames import ROUGH, TUNNEL, camera_of, spoilt
 from bench.map.frames import flight as flight_of
 from companion.config.mapping import MapSettings
 from companion.mapping import VoxelMap
 from companion.mapping.journal import Header, Journal
 from companion.mapping.journal.coding import MOST_BYTES, decode, encode
-from companion.mapping.journal.log import packed
 from companion.mapping.journal.paging import PagedMap
+from companion.mapping.journal.segment import packed
 from companion.mapping.voxels.chunks import VOLUME
 from companion.mapping.voxels.piece import MapPiece
 from companion.model import DepthFrame
@@ -56,12 +56,17 @@ def cpu_ms(work: Callable[[], object]) -> float:
     return 1000.0 * float(np.median(times_s))
 
 
-def coding(voxel_m: float) -> table.Row:
-    """Encoding and decoding 300 chunks, and what zlib would make of the bytes."""
-    voxels = VoxelMap(MapSettings(voxel_m=voxel_m))
+def tunnel_piece(settings: MapSettings) -> MapPiece:
+    """All chunks of the map of that flight."""
+    voxels = VoxelMap(settings)
     for frame in tunnel_frames():
         voxels.integrate(frame)
-    held = voxels.piece(voxels.changed())
+    return voxels.piece(voxels.changed())
+
+
+def coding(voxel_m: float) -> common.Row:
+    """Encoding and decoding 300 chunks, and what zlib would make of the bytes."""
+    held = tunnel_piece(MapSettings(voxel_m=voxel_m))
     rows = np.resize(np.arange(len(held.chunks)), 300)
     chunks, values = held.chunks[rows], held.values[rows]
     out = np.empty(300 * MOST_BYTES, np.uint8)
@@ -81,7 +86,7 @@ def coding(voxel_m: float) -> table.Row:
     }
 
 
-def flight(voxel_m: float, folder: Path) -> table.Row:
+def flight(voxel_m: float, folder: Path) -> common.Row:
     """A flight with a flush after every 0.6 s: what the map's process pays for its journal."""
     settings = MapSettings(voxel_m=voxel_m)
     flush_ms, flush_cpu_ms, chunks, written, near_us = [], [], [], [], []
@@ -122,13 +127,10 @@ def repeated(piece: MapPiece, chunks: int) -> Iterator[MapPiece]:
         yield MapPiece((piece.chunks + np.array([1000 * number, 0, 0], np.int32))[:left], piece.values[:left])
 
 
-def opening(chunks: int, folder: Path) -> table.Row:
+def opening(chunks: int, folder: Path) -> common.Row:
     """Opening a journal, and bringing back one region of it."""
     settings = MapSettings()
-    voxels = VoxelMap(settings)
-    for frame in tunnel_frames():
-        voxels.integrate(frame)
-    piece = voxels.piece(voxels.changed())
+    piece = tunnel_piece(settings)
     path = folder / f"opening-{chunks}"
     start_s = time.perf_counter()
     with Journal.open(path, Header.of(settings)) as journal:
@@ -136,8 +138,8 @@ def opening(chunks: int, folder: Path) -> table.Row:
             journal.append(part)
         journal.commit()
         wrote_s = time.perf_counter() - start_s
-    row: table.Row = {"chunks": chunks, "append_us": 1e6 * wrote_s / chunks}
-    resident = _resident_bytes()
+    row: common.Row = {"chunks": chunks, "append_us": 1e6 * wrote_s / chunks}
+    resident_mb = common.Usage.of(os.getpid()).rss_mb
     start_s, start_cpu_s = time.perf_counter(), time.thread_time()
     with Journal.read_only(path) as journal:
         row["open_s"] = time.perf_counter() - start_s
@@ -147,7 +149,7 @@ def opening(chunks: int, folder: Path) -> table.Row:
         paged = PagedMap(settings, journal)
         row["resume_s"] = time.perf_counter() - start_s
         row["paged_MB"] = paged.memory_bytes / 1e6
-        row["resident_MB"] = (_resident_bytes() - resident) / 1e6
+        row["resident_MB"] = common.Usage.of(os.getpid()).rss_mb - resident_mb
         region = np.indices((8, 8, 8), np.int32).reshape(3, -1).T - np.array([0, 4, 4], np.int32)
         row["region_chunks"] = len(journal.read(region).chunks)
         row["region_ms"] = cpu_ms(lambda: journal.read(region))
@@ -155,14 +157,9 @@ def opening(chunks: int, folder: Path) -> table.Row:
     return row
 
 
-def _resident_bytes() -> int:
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE")
-
-
 def main() -> None:
     """Measure all, print three tables, and write the figures down if asked."""
-    parser = table.parser(__doc__)
+    parser = common.parser(__doc__)
     parser.add_argument("--folder", type=Path, help="measure on this disk instead of that of temporary files")
     arguments = parser.parse_args()
     print(f"{platform.machine()}, {os.cpu_count()} processors, load {os.getloadavg()[0]:.1f} at the start")
@@ -172,15 +169,15 @@ def main() -> None:
             "\n300 chunks: encoded; as records with their sums; decoded; zlib of the same, each chunk and eight at once"
         )
         codings = [coding(voxel_m) for voxel_m in VOXELS_M]
-        table.show(codings, list(codings[0]))
+        common.show(codings, list(codings[0]))
         print("\nflushes of 0.6 s of flight, and the test whether a frame needs anything")
         flights = [flight(voxel_m, folder) for voxel_m in VOXELS_M]
-        table.show(flights, list(flights[0]))
+        common.show(flights, list(flights[0]))
         print("\nopening journals")
         openings = [opening(chunks, folder) for chunks in CHUNKS]
-        table.show(openings, list(openings[0]))
+        common.show(openings, list(openings[0]))
     if arguments.json is not None:
-        table.write(codings + flights + openings, arguments.json)
+        common.write(codings + flights + openings, arguments.json)
 
 
 if __name__ == "__main__":

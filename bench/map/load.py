@@ -36,7 +36,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from argparse import Namespace
@@ -46,10 +45,9 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.gate.wire import Wire
+from bench.common import Row, Usage, camera_rate, parser, quantiles, say, show, write
+from bench.gate.autopilot import Wire
 from bench.map.load_child import MAP, MAPS, OFFERS
-from bench.table import Row, parser, show, write
-from bench.usage import Usage
 from companion.config.load import load_settings
 from companion.errors import CompanionError
 from companion.flight.request import FlightRequest, application, module, sealed
@@ -124,10 +122,7 @@ def flight(which: str, number: int, arguments: Namespace, folder: Path) -> Row:
             _wait_for(folder / "gate.log", gate, "\nexploring")
             time.sleep(SETTLE_S)
             pids = {"gate": gate.pid, "application": _child(gate.pid, "companion.flight", "bench.map.load_child")}
-            pids["world"], pids["autopilot"] = (
-                _child(os.getpid(), "sitl\0world"),
-                _child(os.getpid(), "sitl\0autopilot"),
-            )
+            pids |= {name: _child(os.getpid(), f"sitl\0{name}") for name in ("world", "autopilot")}
             if which != "off":
                 pids["map"] = _child(pids["application"], "spawn_main")
             begun_ns, before, host_before = time.monotonic_ns(), _used(pids), Host.now(pids["application"])
@@ -156,8 +151,7 @@ def flight(which: str, number: int, arguments: Namespace, folder: Path) -> Row:
         "setpoints": len(gaps_ms) + 1,
         "by gate": len(arrived) - len(gaps_ms) - 1,
         "braked": braked_after - braked_before,
-        "gap p50, ms": float(np.percentile(gaps_ms, 50)),
-        "gap p99, ms": float(np.percentile(gaps_ms, 99)),
+        **quantiles("gap", gaps_ms),
         "gap worst, ms": float(gaps_ms.max()),
         "tick p50, ms": 1e3 * tick.median,
         "tick p99, ms": 1e3 * tick.p99,
@@ -207,17 +201,19 @@ def _application(crew: Crew, which: str, folder: Path) -> Iterator[subprocess.Po
 def _before_all_others() -> Iterator[None]:
     """Autopilot, world and wire are hardware on a vehicle, which waits for nobody. Without the right: nothing."""
     before = os.getpriority(os.PRIO_PROCESS, 0)
-    hardware = [os.getpid(), _child(os.getpid(), "sitl\0world"), _child(os.getpid(), "sitl\0autopilot")]
-    with contextlib.suppress(PermissionError):
-        for pid in hardware:
-            for thread in Path(f"/proc/{pid}/task").iterdir():
-                os.setpriority(os.PRIO_PROCESS, int(thread.name), HARDWARE_NICENESS)
+    ours = os.getpid()
+    _set_niceness([ours, _child(ours, "sitl\0world"), _child(ours, "sitl\0autopilot")], HARDWARE_NICENESS)
     try:
         yield
     finally:
-        with contextlib.suppress(PermissionError):
-            for thread in Path(f"/proc/{os.getpid()}/task").iterdir():
-                os.setpriority(os.PRIO_PROCESS, int(thread.name), before)
+        _set_niceness([ours], before)
+
+
+def _set_niceness(pids: Sequence[int], niceness: int) -> None:
+    with contextlib.suppress(PermissionError):
+        for pid in pids:
+            for thread in Path(f"/proc/{pid}/task").iterdir():
+                os.setpriority(os.PRIO_PROCESS, int(thread.name), niceness)
 
 
 def _child(pid: int, *words: str) -> int:
@@ -255,7 +251,7 @@ def _flown(which: str, number: int, arguments: Namespace, folder: Path) -> Row:
     except (CompanionError, FileNotFoundError) as error:
         log = folder / "gate.log"
         said = _words(log) if isinstance(error, FileNotFoundError) and log.exists() else str(error)
-        print(f"it broke off, and is left out: {said}", file=sys.stderr, flush=True)
+        say(f"it broke off, and is left out: {said}")
         return {"failed": said}
 
 
@@ -298,9 +294,7 @@ def main() -> None:
     made.add_argument("--flights", type=int, default=3, metavar="N", help="of each kind")
     made.add_argument("--seconds", type=float, default=30.0, metavar="S", help="measured of each flight")
     made.add_argument("--maps", default=",".join(MAPS), help=f"kinds, separated by commas: {', '.join(MAPS)}")
-    made.add_argument(
-        "--camera", type=_camera, default=(640, 480, 30.0), metavar="WxH@HZ", help="by default 640x480@30"
-    )
+    made.add_argument("--camera", type=camera_rate, default=(640, 480, 30.0), metavar="WxH@HZ", help="else 640x480@30")
     made.add_argument("--voxel", type=float, default=0.05, metavar="M")
     made.add_argument("--range", type=float, default=6.0, metavar="M", help="mapping.max_range_m")
     made.add_argument("--world", default="complex", metavar="NAME|MESH")
@@ -319,7 +313,7 @@ def main() -> None:
         parent.mkdir(parents=True, exist_ok=True)
         for number in range(1, arguments.flights + 1):
             for which in kinds:
-                print(f"flight {number} of {arguments.flights}, map {which}", file=sys.stderr, flush=True)
+                say(f"flight {number} of {arguments.flights}, map {which}")
                 folder = parent / f"{which}-{number}"
                 folder.mkdir()
                 rows.append({"map": which, "flight": number} | _flown(which, number, arguments, folder))
@@ -335,12 +329,6 @@ def main() -> None:
     lines = [row for group in groups for row in group]
     lines += [row for group in groups for row in summary(str(group[0]["map"]), group, base)]
     show(lines, COLUMNS, arguments.json)
-
-
-def _camera(text: str) -> tuple[int, int, float]:
-    size, _, rate = text.partition("@")
-    width, _, height = size.partition("x")
-    return int(width), int(height), float(rate)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ import sys
 import time
 from multiprocessing import get_context
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -44,11 +43,9 @@ class OfferedMap(MapClient):
             self.took_s.append(time.perf_counter() - began_s)
         return taken
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *how: object) -> None:
         """As of the base; then the times go to the file that the environment names."""
-        await super().__aexit__(kind, error, traceback)
+        await super().__aexit__(*how)
         self._write()
 
     def _write(self) -> None:
@@ -85,11 +82,9 @@ class BusyMap(NoMap):
         self._stranger.start()
         return await super().__aenter__()
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *how: object) -> None:
         """End it."""
-        await super().__aexit__(kind, error, traceback)
+        await super().__aexit__(*how)
         self._stranger.kill()
         self._stranger.join()
 
@@ -115,12 +110,10 @@ class FullMap(OfferedMap):
         await self._feeding.enter_async_context(background(self._feed()))
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *how: object) -> None:
         """Stop feeding first."""
         await self._feeding.aclose()
-        await super().__aexit__(kind, error, traceback)
+        await super().__aexit__(*how)
 
     def offer(self, frame: DepthFrame, source: int = 0) -> bool:
         """And remember it."""

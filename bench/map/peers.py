@@ -47,10 +47,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.common import Row, Usage, parser, show, write
 from bench.map import frames as map_frames
 from bench.map.agreement import agreement
 from bench.map.octomap import octree, voxels_of
-from bench.table import Row, parser, show, write
 from companion.errors import InputError
 from companion.geometry import camera_to_world
 from companion.mapping import VoxelMap
@@ -191,7 +191,7 @@ class Times:
     clock_ms: list[float]
     cpu_ms: list[float]
     first_ms: float
-    grew_bytes: int
+    grew_mb: float
     own_bytes: int
 
 
@@ -208,7 +208,7 @@ def timed(job: Job) -> Row:
         "first, ms": its.first_ms,
         "beside, ms": float(np.mean([np.median(times.clock_ms) for times in (before, after)])),
         "beside, CPU ms": float(np.mean([np.median(times.cpu_ms) for times in (before, after)])),
-        "RSS grew, MB": its.grew_bytes / 1e6,
+        "RSS grew, MB": its.grew_mb,
         "own, MB": its.own_bytes / 1e6,
         "frames": len(its.clock_ms),
         "peak RSS, MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6,
@@ -221,8 +221,8 @@ def _times_of(name: str, frames: Sequence[DepthFrame], voxel_m: float, passes: i
     first_ms, clock_ms, cpu_ms = 0.0, [], []
     contender = make(voxel_m)
     contender.prepared(frames[0])
-    before_bytes = _resident_bytes()
-    grew_bytes, own_bytes = 0, 0
+    before_mb = Usage.of(os.getpid()).rss_mb
+    grew_mb, own_bytes = 0.0, 0
     for number in range(passes):
         contender = make(voxel_m)
         for place, frame in enumerate(frames):
@@ -236,12 +236,8 @@ def _times_of(name: str, frames: Sequence[DepthFrame], voxel_m: float, passes: i
             elif number == 0:
                 first_ms = took_ms
         if number == 0:
-            grew_bytes, own_bytes = _resident_bytes() - before_bytes, contender.own_bytes()
-    return Times(clock_ms, cpu_ms, first_ms, grew_bytes, own_bytes)
-
-
-def _resident_bytes() -> int:
-    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
+            grew_mb, own_bytes = Usage.of(os.getpid()).rss_mb - before_mb, contender.own_bytes()
+    return Times(clock_ms, cpu_ms, first_ms, grew_mb, own_bytes)
 
 
 def in_own_process(job: Job, cores: int) -> Row:
@@ -324,10 +320,7 @@ def _parser() -> ArgumentParser:
     made = parser(__doc__)
     made.add_argument("--frames", type=int, default=15, help="images of a flight, the first of which is not counted")
     made.add_argument(
-        "--world",
-        action="append",
-        metavar="WORLD",
-        help="a world or a mesh file instead of the tunnel; may be repeated",
+        "--world", action="append", metavar="WORLD", help="world or mesh instead of the tunnel; repeatable"
     )
     made.add_argument("--voxel", type=float, action="append", metavar="M", help="edge of a voxel; may be repeated")
     made.add_argument("--size", type=_size, default=(640, 480), metavar="WxH", help="of the images, in px")

@@ -15,7 +15,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.table import Row, parser, show
+from bench.common import Row, parser, show
 from companion.config.load import load_settings
 from companion.flight.warm_up import reach
 from companion.mapping import FREE, OCCUPIED, UNKNOWN, MapSnapshot

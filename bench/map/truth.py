@@ -42,8 +42,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.common import Row, camera_rate, parser, say, show, with_camera, write
 from bench.flight.missions import WORLDS
-from bench.table import Row, parser, show, write
 from companion.config.load import load_settings
 from companion.config.settings import Settings
 from companion.config.sim import NoiseSettings
@@ -53,12 +53,11 @@ from companion.mapping import FREE, VoxelMap
 from companion.model import DepthFrame, Pose
 from sitl.mines import World, load_world
 from sitl.mines.mesh import SUFFIXES
-from sitl.scene.map_metrics import accuracy_m, precision
 from sitl.scene.raycast import RayCaster
 from sitl.scene.render import DepthRenderer
 from sitl.scene.sensors import SensorRig
 from sitl.scene.surface import Array, Points, Surroundings, surface_samples
-from sitl.scene.visibility import visible_samples
+from sitl.scene.visibility import accuracy_m, precision, visible_samples
 from sitl.sim.flight import Flight
 from sitl.sim.start import start_poses
 
@@ -167,10 +166,7 @@ class Scene:
                 continue
             x, y, z = (flown_m * direction).tolist()
             told = frame.pose
-            yield (
-                replace(frame, pose=replace(told, x_m=told.x_m + x, y_m=told.y_m + y, z_m=told.z_m + z)),
-                true,
-            )
+            yield (replace(frame, pose=replace(told, x_m=told.x_m + x, y_m=told.y_m + y, z_m=told.z_m + z)), true)
 
     def share(self, found: NDArray[np.bool_], among: NDArray[np.bool_] | None = None) -> float:
         """The share by area of the samples (n,), or of some of them, that are ``found``."""
@@ -312,14 +308,9 @@ def settings_of(arguments: Namespace) -> Settings:
     """The preset, the file, and the camera and voxel of the command line above them."""
     settings = load_settings(arguments.config, arguments.preset)
     width_px, height_px, rate_hz = arguments.camera
-    camera = settings.sensors.camera.model_copy(
-        update={"width_px": width_px, "height_px": height_px, "rate_hz": rate_hz}
-    )
-    mapping = settings.mapping
-    if arguments.voxel is not None:
-        mapping = mapping.model_copy(update={"voxel_m": arguments.voxel})
-    sensors = settings.sensors.model_copy(update={"camera": camera})
-    return settings.model_copy(update={"sensors": sensors, "mapping": mapping})
+    settings = with_camera(settings, width_px=width_px, height_px=height_px, rate_hz=rate_hz)
+    voxel = {} if arguments.voxel is None else {"voxel_m": arguments.voxel}
+    return settings.model_copy(update={"mapping": settings.mapping.model_copy(update=voxel)})
 
 
 def main() -> None:
@@ -329,7 +320,9 @@ def main() -> None:
     made.add_argument("--config", type=Path, metavar="FILE", help="YAML file with settings, of the map for instance")
     made.add_argument("--preset", metavar="NAME", help="preset below the file")
     made.add_argument("--voxel", type=float, metavar="M", help="edge of a voxel, instead of mapping.voxel_m")
-    made.add_argument("--camera", type=_camera, default=(160, 120, 5.0), metavar="WxH@HZ", help="by default 160x120@5")
+    made.add_argument(
+        "--camera", type=camera_rate, default=(160, 120, 5.0), metavar="WxH@HZ", help="by default 160x120@5"
+    )
     made.add_argument("--time-limit", type=float, default=300.0, metavar="S", help="simulated, of each flight")
     made.add_argument("--seed", type=int, default=1, help="draws start, choices and noise")
     made.add_argument(
@@ -343,10 +336,10 @@ def main() -> None:
     try:
         settings = settings_of(arguments)
         for spec in [QUICK_WORLD] if arguments.quick else specs(arguments.worlds):
-            _say(f"{spec}: flying")
+            say(f"{spec}: flying")
             scene = Scene.of(spec, settings, arguments.seed, limit_s, arguments.work)
             for case in CASES:
-                _say(f"{spec}: {case.name}")
+                say(f"{spec}: {case.name}")
                 rows.append(measured(scene, case)[0])
                 if arguments.json is not None:
                     write(rows, arguments.json)
@@ -358,16 +351,6 @@ def main() -> None:
         f"range {mapping.max_range_m:g} m, at most {limit_s:g} s of flight, seed {arguments.seed}"
     )
     show(rows, COLUMNS, arguments.json)
-
-
-def _camera(text: str) -> tuple[int, int, float]:
-    size, _, rate = text.partition("@")
-    width, _, height = size.partition("x")
-    return int(width), int(height), float(rate)
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

@@ -7,15 +7,7 @@ snapshots are plain arrays. `frontiers` says what is left to explore, `files` wr
 from __future__ import annotations
 
 from companion.mapping.voxels.lookup import FREE, OCCUPIED, UNKNOWN
-from companion.mapping.voxels.snapshot import IntegrationReport, MapCounts, MapSnapshot
+from companion.mapping.voxels.piece import IntegrationReport, MapCounts, MapSnapshot
 from companion.mapping.voxels.voxel_map import VoxelMap
 
-__all__ = [
-    "FREE",
-    "OCCUPIED",
-    "UNKNOWN",
-    "IntegrationReport",
-    "MapCounts",
-    "MapSnapshot",
-    "VoxelMap",
-]
+__all__ = ["FREE", "OCCUPIED", "UNKNOWN", "IntegrationReport", "MapCounts", "MapSnapshot", "VoxelMap"]

@@ -24,9 +24,9 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from companion.mapping.files.export import Progress, silent
 from companion.mapping.files.whole import whole_file
 from companion.mapping.voxels.chunks import SHIFT
+from companion.mapping.voxels.piece import Progress, silent
 from companion.model import FloatArray
 from companion.viewer.voxels import PIECE, PackedVoxels, State
 

@@ -1,21 +1,29 @@
-"""The states of a map's voxels, packed so that a large map fits into memory while it is drawn."""
+"""What is drawn of a map: the states of its voxels, packed so that a large one fits into memory, and the way flown."""
 
 from __future__ import annotations
 
+import csv
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.errors import InputError
 from companion.mapping.voxels.chunks import EDGE, NOTHING, OFFSETS, VOLUME
 from companion.mapping.voxels.piece import MapSource
+from companion.model import FloatArray
 
 PIECE = 256
 """Chunks of which the voxels are given at a time."""
 
 _OCTETS = VOLUME // 8
+
+ESTIMATED = "estimated_x_m", "estimated_y_m", "estimated_z_m"
+PLAIN = "x_m", "y_m", "z_m"
 
 
 class State(IntEnum):
@@ -92,3 +100,33 @@ def packed(source: MapSource, progress: Callable[[int], None] = lambda _: None) 
         seen += len(piece.chunks)
         progress(seen)
     return PackedVoxels(source.voxel_m, np.concatenate(chunks), np.concatenate(bits, axis=1))
+
+
+def trajectories(folder: Path) -> dict[str, FloatArray]:
+    """By file name, the (n, 3) positions in m of every ``trajectory*.csv`` in a folder.
+
+    The map is in the frame in which the vehicle knew its place, so the columns estimated_x_m, estimated_y_m and
+    estimated_z_m are taken where a file has them, else x_m, y_m and z_m. A row without a position is left out.
+
+    Raises:
+        InputError: such a file has no such columns, or cannot be read.
+    """
+    return {path.name: _positions(path) for path in sorted(folder.glob("trajectory*.csv"))}
+
+
+def _positions(path: Path) -> FloatArray:
+    found: list[tuple[float, ...]] = []
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = csv.DictReader(file)
+            there = set(rows.fieldnames or ())
+            columns = next((names for names in (ESTIMATED, PLAIN) if there.issuperset(names)), None)
+            if columns is None:
+                raise InputError(f"{path}: has no columns {', '.join(PLAIN)}; move it away to see the map without it")
+            for row in rows:
+                place = tuple(float(row[name] or "nan") for name in columns)
+                if all(map(math.isfinite, place)):
+                    found.append(place)
+    except (OSError, ValueError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read: {error}; move it away to see the map without it") from None
+    return np.array(found, np.float64).reshape(-1, 3)

@@ -14,18 +14,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from companion.model import Pose, wrap_rad
+from sitl.sim.vehicle import DISTURBANCE_TIME_S, GRAVITY_MPS2, follow
 
 if TYPE_CHECKING:  # level ground needs no worlds, which take a second to import
     from sitl.scene.raycast import RayCaster
 
-GRAVITY_MPS2 = 9.81
-DISTURBANCE_TIME_S = 5.0
 _CLIMB_LAG_S = 0.25
 _YAW_LAG_S = 0.15
 _MAX_ACCELERATION_MPS2 = 3.0
 _MAX_CLIMB_ACCELERATION_MPS2 = 2.0
 _MAX_YAW_ACCELERATION_RADPS2 = 3.0
 _HARD_LANDING_MPS = 2.0
+
+CELLS = 4
+_FULL_V, _EMPTY_V = 4.2, 3.4
+
+_IDLE_SHARE = 0.05
+"""Of the power of flight, what the electronics need on the ground."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,8 +171,8 @@ class Airframe:
         self._ay_mps2 = self._pushed(self._ay_mps2, motion.vy_mps + py - old.vy_mps, dt_s)
         vx_mps = old.vx_mps + self._ax_mps2 * dt_s
         vy_mps = old.vy_mps + self._ay_mps2 * dt_s
-        vz_mps = _follow(old.vz_mps, motion.vz_mps + pz, _CLIMB_LAG_S, _MAX_CLIMB_ACCELERATION_MPS2, dt_s)
-        yaw_rate_radps = _follow(
+        vz_mps = follow(old.vz_mps, motion.vz_mps + pz, _CLIMB_LAG_S, _MAX_CLIMB_ACCELERATION_MPS2, dt_s)
+        yaw_rate_radps = follow(
             old.yaw_rate_radps, motion.yaw_rate_radps, _YAW_LAG_S, _MAX_YAW_ACCELERATION_RADPS2, dt_s
         )
         yaw_rad = wrap_rad(old.yaw_rad + yaw_rate_radps * dt_s)
@@ -240,7 +245,29 @@ class Airframe:
         self._disturbance = [keep * x + push * y for x, y in zip(self._disturbance, fresh, strict=True)]
 
 
-def _follow(value: float, target: float, lag_s: float, limit: float, dt_s: float) -> float:
-    """One step of a first-order response whose rate is limited."""
-    change = (target - value) * (1.0 - math.exp(-dt_s / lag_s))
-    return value + max(-limit * dt_s, min(limit * dt_s, change))
+class Battery:
+    """A linear battery.
+
+    Args:
+        percent: charge at the start.
+        minutes: of flight from full to empty.
+    """
+
+    def __init__(self, percent: float = 100.0, minutes: float = 15.0) -> None:
+        self.percent = percent
+        self._percent_per_s = 100.0 / (60.0 * minutes)
+
+    @property
+    def cell_v(self) -> float:
+        """Voltage of one cell."""
+        return _EMPTY_V + (_FULL_V - _EMPTY_V) * self.percent / 100.0
+
+    @property
+    def voltage_v(self) -> float:
+        """Voltage of all cells."""
+        return CELLS * self.cell_v
+
+    def step(self, dt_s: float, flying: bool) -> None:
+        """Drains for ``dt_s``."""
+        share = 1.0 if flying else _IDLE_SHARE
+        self.percent = max(0.0, self.percent - share * self._percent_per_s * dt_s)

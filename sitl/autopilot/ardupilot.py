@@ -6,11 +6,12 @@ import math
 from collections.abc import Mapping
 from typing import ClassVar
 
+from companion.mavlink.ids import MavSeverity
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
 from sitl.autopilot.parameters import Encoding, Kind
 from sitl.autopilot.personality import Numbers, Personality
-from sitl.autopilot.state import Behaviour, Mode, Severity, State
+from sitl.autopilot.state import Behaviour, Mode, State
 
 _HOLDING = {"STABILIZE": 0, "ALT_HOLD": 2, "LOITER": 5, "POSHOLD": 16}
 _MODES = {name: Mode(name, number, Behaviour.HOLD) for name, number in _HOLDING.items()} | {
@@ -202,7 +203,7 @@ class _ArduPilot(Personality):
             state.hold_m = (pose.x_m, pose.y_m, to_m)
         needs_position = state.mode.name not in _WITHOUT_POSITION
         if state.flying and needs_position and not self.position_valid(state):
-            state.say(Severity.CRITICAL, "EKF variance")
+            state.say(MavSeverity.CRITICAL, "EKF variance")
             state.enter(self.modes["LAND"])
         landing = state.flown and state.shown.behaviour is Behaviour.LAND
         limit_s = 1.5 if landing else state.parameters["DISARM_DELAY"]

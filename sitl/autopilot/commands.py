@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from companion.mavlink.ids import MavSeverity
 from sitl.autopilot.mavlink import MESSAGE_NAMES, Message
 from sitl.autopilot.mavlink import dialect as m
 from sitl.autopilot.personality import Personality
-from sitl.autopilot.state import Severity, State
-from sitl.autopilot.streams import Streams
-from sitl.autopilot.telemetry import Telemetry
+from sitl.autopilot.state import State
+from sitl.autopilot.telemetry import Streams, Telemetry
 
 _FORCE = 21196.0
 """Parameter 2 of an arming command that skips the checks."""
@@ -67,7 +67,7 @@ class Commands:
             return int(_DONE)
         refusal = self._personality.mode_refusal(self._state, mode)
         if refusal is not None:
-            self._state.say(Severity.CRITICAL, refusal)
+            self._state.say(MavSeverity.CRITICAL, refusal)
             return self._personality.refused
         self._state.enter(mode)
         return int(_DONE)
@@ -80,7 +80,7 @@ class Commands:
             refusal = personality.take_off(self._state, parameters[6])
             if refusal is None:
                 return int(_DONE)
-            self._state.say(Severity.CRITICAL, refusal)
+            self._state.say(MavSeverity.CRITICAL, refusal)
             return personality.refused
         if command == m.MAV_CMD_NAV_LAND:
             return self.set_mode(modes[personality.land_mode].custom_mode)
@@ -97,7 +97,7 @@ class Commands:
         state = self._state
         if wanted == 0.0:
             if state.flying and not forced:
-                state.say(Severity.CRITICAL, "Disarming denied: not landed")
+                state.say(MavSeverity.CRITICAL, "Disarming denied: not landed")
                 return self._personality.refused
             if state.armed:
                 state.disarm("Disarmed by external command")
@@ -108,11 +108,11 @@ class Commands:
             return int(_DONE)
         refusal = "Arming denied: crashed" if state.airframe.crashed else self._personality.arming_refusal(state)
         if refusal is not None and (not forced or state.airframe.crashed):
-            state.say(Severity.CRITICAL, refusal)
+            state.say(MavSeverity.CRITICAL, refusal)
             return self._personality.refused
         state.armed, state.armed_s, state.flown, state.on_ground_s = True, state.t_s, False, 0.0
         state.hold_m, state.takeoff_s, state.takeoff_suppressed = None, None, False
-        state.say(Severity.INFO, "Armed by external command")
+        state.say(MavSeverity.INFO, "Armed by external command")
         return int(_DONE)
 
     def _set_interval(self, parameters: list[float]) -> int:

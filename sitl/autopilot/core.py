@@ -9,9 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from companion.mavlink.ids import MavSeverity
 from companion.model import Pose
-from sitl.autopilot.airframe import Airframe, Surroundings, flat
-from sitl.autopilot.battery import Battery
+from sitl.autopilot.airframe import Airframe, Battery, Surroundings, flat
 from sitl.autopilot.commands import Commands
 from sitl.autopilot.estimator import Estimator
 from sitl.autopilot.guidance import motion
@@ -21,9 +21,8 @@ from sitl.autopilot.mavlink import dialect as m
 from sitl.autopilot.origin import to_global
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.personality import Personality
-from sitl.autopilot.state import Mode, Severity, State
-from sitl.autopilot.streams import Streams
-from sitl.autopilot.telemetry import Telemetry
+from sitl.autopilot.state import Mode, State
+from sitl.autopilot.telemetry import Streams, Telemetry
 
 STEP_S = 0.01
 """The vehicle's own step."""
@@ -85,23 +84,15 @@ class Autopilot:
 
     def _boot(self, start: Pose, t_s: float, own: Parameters, battery: Battery, counts: Counter[str]) -> None:
         personality, numbers = self.personality, self.personality.numbers
-        airframe = Airframe(
-            replace(start, t_s=t_s),
-            self._surroundings,
-            numbers.natural_radps,
-            numbers.damping,
-            numbers.drift_mps,
-            self._rng,
-        )
+        inertia = numbers.natural_radps, numbers.damping, numbers.drift_mps
+        airframe = Airframe(replace(start, t_s=t_s), self._surroundings, *inertia, self._rng)
         estimator = Estimator(airframe.pose, numbers.blind_drift_mps2, self._rng)
         mode = personality.modes[personality.boot_mode]
         self.state = State(t_s, t_s, own, airframe, estimator, battery, mode, self._gps, self._hurry, counts=counts)
-        telemetry = Telemetry(personality, self.state, self.system_id)
-        streams = Streams(personality.rates_hz, t_s)
-        self._telemetry, self._streams = telemetry, streams
-        self._inbox = Inbox(
-            personality, self.state, Commands(personality, self.state, streams, telemetry), self.system_id
-        )
+        self._telemetry = Telemetry(personality, self.state, self.system_id)
+        self._streams = Streams(personality.rates_hz, t_s)
+        commands = Commands(personality, self.state, self._streams, self._telemetry)
+        self._inbox = Inbox(personality, self.state, commands, self.system_id)
         self._sync_next_s = t_s
         self._texts_in_pieces = 0
 
@@ -128,7 +119,8 @@ class Autopilot:
         """Flies on until ``t_s`` and returns the telemetry that fell due."""
         sent: list[Message] = []
         if t_s - self.pose.t_s > _CATCH_UP_S:
-            self._jump(t_s - _CATCH_UP_S)
+            self.state.counts["pauses"] += 1
+            self.state.airframe.skip(t_s - _CATCH_UP_S - self.pose.t_s)
         while self.pose.t_s + STEP_S <= t_s + 5e-7:
             self._advance(self.pose.t_s + STEP_S)
             sent += self._say()
@@ -157,7 +149,7 @@ class Autopilot:
         state.flown = state.flown or state.flying
         state.on_ground_s = state.on_ground_s + STEP_S if state.armed and state.airframe.on_ground else 0.0
         if state.airframe.crashed and not was_crashed:
-            state.say(Severity.CRITICAL, "Crash: Disarming")
+            state.say(MavSeverity.CRITICAL, "Crash: Disarming")
             state.disarm("Disarmed by crash")
         self._drain()
 
@@ -166,10 +158,10 @@ class Autopilot:
         state.battery.step(STEP_S, state.flying)
         if state.battery.percent < 15.0 and not state.low_battery_reported:
             state.low_battery_reported = True
-            state.say(Severity.WARNING, "Low battery")
+            state.say(MavSeverity.WARNING, "Low battery")
         landing = self.personality.modes[self.personality.land_mode]
         if state.battery.percent < _EMPTY_PERCENT and state.flying and state.mode is not landing:
-            state.say(Severity.CRITICAL, "Battery empty, landing")
+            state.say(MavSeverity.CRITICAL, "Battery empty, landing")
             state.enter(landing)
 
     def _say(self) -> list[Message]:
@@ -186,7 +178,7 @@ class Autopilot:
             sent.append(m.MAVLink_timesync_message(0, math.floor(state.since_boot_s * 1e9)))
         return sent
 
-    def _text(self, severity: Severity, text: bytes) -> list[Message]:
+    def _text(self, severity: MavSeverity, text: bytes) -> list[Message]:
         """A STATUSTEXT, in pieces when it is longer than one holds."""
         if len(text) <= _TEXT_BYTES:
             return [m.MAVLink_statustext_message(int(severity), text)]
@@ -196,9 +188,3 @@ class Autopilot:
             m.MAVLink_statustext_message(int(severity), piece, self._texts_in_pieces, i)
             for i, piece in enumerate(pieces)
         ]
-
-    def _jump(self, t_s: float) -> None:
-        state = self.state
-        lost_s = t_s - self.pose.t_s
-        state.counts["pauses"] += 1
-        state.airframe.skip(lost_s)

@@ -55,8 +55,8 @@ class Inbox:
         self.reboot = False
         """A command has asked for it."""
         self._handlers: dict[str, Callable[[Message], list[Message]]] = {
-            "COMMAND_LONG": self._command_long,
-            "COMMAND_INT": self._command_int,
+            "COMMAND_LONG": self._command,
+            "COMMAND_INT": self._command,
             "SET_MODE": self._set_mode,
             "PARAM_REQUEST_LIST": self._param_list,
             "PARAM_REQUEST_READ": self._param_read,
@@ -95,16 +95,10 @@ class Inbox:
         self._state.counts[reason] += 1
         return []
 
-    def _command_long(self, message: Message) -> list[Message]:
-        values = [float(getattr(message, f"param{i}")) for i in range(1, 8)]
-        return self._command(message, values)
-
-    def _command_int(self, message: Message) -> list[Message]:
-        first = [float(getattr(message, f"param{i}")) for i in range(1, 5)]
-        return self._command(message, [*first, float(message.x), float(message.y), float(message.z)])
-
-    def _command(self, message: Message, values: list[float]) -> list[Message]:
-        answer = self._commands.do(message.command, values)
+    def _command(self, message: Message) -> list[Message]:
+        last = ("x", "y", "z") if message.get_type() == "COMMAND_INT" else ("param5", "param6", "param7")
+        names = ("param1", "param2", "param3", "param4", *last)
+        answer = self._commands.do(message.command, [float(getattr(message, name)) for name in names])
         self.reboot = answer.reboot
         return [self._acknowledge(message, message.command, answer.result), *answer.messages]
 
@@ -141,13 +135,9 @@ class Inbox:
 
     def _param_value(self, name: str) -> Message:
         parameters = self._state.parameters
-        return m.MAVLink_param_value_message(
-            name.encode(),
-            parameters.encoded(name),
-            int(parameters.kind(name)),
-            len(parameters.names),
-            parameters.names.index(name),
-        )
+        count, index = len(parameters.names), parameters.names.index(name)
+        kind = int(parameters.kind(name))
+        return m.MAVLink_param_value_message(name.encode(), parameters.encoded(name), kind, count, index)
 
     def _setpoint(self, message: Message) -> list[Message]:
         frame, personality = message.coordinate_frame, self._personality
@@ -256,8 +246,5 @@ class Inbox:
         return []
 
     def _mission_list(self, message: Message) -> list[Message]:
-        return [
-            m.MAVLink_mission_count_message(
-                message.get_srcSystem(), message.get_srcComponent(), 0, message.mission_type
-            )
-        ]
+        source = message.get_srcSystem(), message.get_srcComponent()
+        return [m.MAVLink_mission_count_message(*source, 0, message.mission_type)]

@@ -6,12 +6,13 @@ import math
 from collections.abc import Mapping
 from typing import ClassVar
 
+from companion.mavlink.ids import MavSeverity
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
 from sitl.autopilot.origin import ORIGIN_ALT_M
 from sitl.autopilot.parameters import Encoding, Kind
 from sitl.autopilot.personality import Numbers, Personality
-from sitl.autopilot.state import Behaviour, Mode, Severity, State
+from sitl.autopilot.state import Behaviour, Mode, State
 
 _NAMES = {
     "MANUAL": (1, 0, Behaviour.HOLD),
@@ -229,7 +230,7 @@ class _Px4(Personality):
         late_s = 0.03 + 0.09 * ((since_s * 7.31) % 1.0)
         if state.target_age_s() < state.parameters["COM_OF_LOSS_T"]:
             if state.failsafe is not None:
-                state.say(Severity.INFO, "Offboard control signal regained")
+                state.say(MavSeverity.INFO, "Offboard control signal regained")
             state.failsafe = None
         elif state.target_age_s() >= state.parameters["COM_OF_LOSS_T"] + late_s and state.failsafe is None:
             self._lose_setpoints(state)

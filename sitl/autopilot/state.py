@@ -7,8 +7,8 @@ import math
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
-from sitl.autopilot.airframe import Airframe, Motion
-from sitl.autopilot.battery import Battery
+from companion.mavlink.ids import MavSeverity
+from sitl.autopilot.airframe import Airframe, Battery, Motion
 from sitl.autopilot.estimator import Estimator
 from sitl.autopilot.origin import GlobalPosition
 from sitl.autopilot.parameters import Parameters
@@ -54,15 +54,6 @@ class Obstacles:
     range_m: float
 
 
-class Severity(enum.IntEnum):
-    """MAV_SEVERITY."""
-
-    CRITICAL = 2
-    ERROR = 3
-    WARNING = 4
-    INFO = 6
-
-
 @dataclass
 class State:
     """The autopilot's memory.
@@ -100,7 +91,7 @@ class State:
     transmitter: bool = False
     motion: Motion | None = None
     low_battery_reported: bool = False
-    texts: deque[tuple[Severity, str]] = field(default_factory=lambda: deque(maxlen=32))
+    texts: deque[tuple[MavSeverity, str]] = field(default_factory=lambda: deque(maxlen=32))
     counts: Counter[str] = field(default_factory=Counter)
     """What was ignored, by reason; the reasons are a fixed set."""
 
@@ -119,7 +110,7 @@ class State:
         """Armed and off the ground."""
         return self.armed and not self.airframe.on_ground
 
-    def say(self, severity: Severity, text: str) -> None:
+    def say(self, severity: MavSeverity, text: str) -> None:
         """Queues a STATUSTEXT."""
         self.texts.append((severity, text))
 
@@ -136,7 +127,7 @@ class State:
         if self.failsafe is not mode:
             self.failsafe = mode
             self.hold_m = None
-            self.say(Severity.CRITICAL, text)
+            self.say(MavSeverity.CRITICAL, text)
 
     def disarm(self, text: str) -> None:
         """Stops the motors."""
@@ -144,7 +135,7 @@ class State:
         self.failsafe = None
         self.takeoff_s = None
         self.takeoff_suppressed = False
-        self.say(Severity.INFO, text)
+        self.say(MavSeverity.INFO, text)
 
     def target_age_s(self) -> float:
         """Since the last setpoint; infinite when none came."""

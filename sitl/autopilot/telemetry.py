@@ -1,15 +1,15 @@
-"""What the autopilot says of itself: one message of each kind, built from its state."""
+"""What the autopilot says of itself: which message is due when, and one of each kind, built from its state."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 from companion.frames import NedPose, pose_to_ned
 from companion.geometry import quaternion
 from companion.model import Pose
-from sitl.autopilot.battery import CELLS
+from sitl.autopilot.airframe import CELLS
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
 from sitl.autopilot.origin import GlobalPosition, to_global
@@ -28,6 +28,9 @@ _PREARM = m.MAV_SYS_STATUS_PREARM_CHECK
 _RANGE_CM = (10, 5000)
 _INT16 = 32767
 _NO_COVARIANCE = [math.nan] + [0.0] * 20
+
+_TOLERANCE_S = 5e-7
+"""Times are sums of periods."""
 
 
 class Telemetry:
@@ -145,17 +148,8 @@ class Telemetry:
             return None
         (lat_e7, lon_e7, alt_mm), home_mm = globe
         ned = self._estimate()[1]
-        return m.MAVLink_global_position_int_message(
-            self._boot_ms,
-            lat_e7,
-            lon_e7,
-            alt_mm,
-            round(alt_mm - home_mm),
-            _short(100.0 * ned.v_north_mps),
-            _short(100.0 * ned.v_east_mps),
-            _short(100.0 * ned.v_down_mps),
-            _compass_cdeg(ned.yaw_rad),
-        )
+        place = lat_e7, lon_e7, alt_mm, round(alt_mm - home_mm)
+        return m.MAVLink_global_position_int_message(self._boot_ms, *place, *_cmps(ned), _compass_cdeg(ned.yaw_rad))
 
     def _distance(self) -> Message | None:
         parameters = self._state.parameters
@@ -168,21 +162,20 @@ class Telemetry:
             self._boot_ms, *_RANGE_CM, reading_cm, m.MAV_DISTANCE_SENSOR_LASER, 0, m.MAV_SENSOR_ROTATION_PITCH_270, 0
         )
 
-    def _hil_state(self) -> Message:
+    def _truth(self) -> tuple[NedPose, GlobalPosition]:
         true = self._state.airframe.pose
-        ned = pose_to_ned(true)
-        lat_e7, lon_e7, alt_mm = to_global(true.x_m, true.y_m, true.z_m)
+        return pose_to_ned(true), to_global(true.x_m, true.y_m, true.z_m)
+
+    def _hil_state(self) -> Message:
+        ned, globe = self._truth()
         q = quaternion(ned.yaw_rad, ned.pitch_rad, ned.roll_rad)
-        velocity = [_short(100.0 * v) for v in (ned.v_north_mps, ned.v_east_mps, ned.v_down_mps)]
         return m.MAVLink_hil_state_quaternion_message(
-            round(self._state.since_boot_s * 1e6), q, 0.0, 0.0, ned.yaw_rate_radps, lat_e7, lon_e7, alt_mm, *velocity,
+            round(self._state.since_boot_s * 1e6), q, 0.0, 0.0, ned.yaw_rate_radps, *globe, *_cmps(ned),
             0, 0, 0, 0, -1000,
         )  # fmt: skip
 
     def _sim_state(self) -> Message:
-        true = self._state.airframe.pose
-        ned = pose_to_ned(true)
-        lat_e7, lon_e7, alt_mm = to_global(true.x_m, true.y_m, true.z_m)
+        ned, (lat_e7, lon_e7, alt_mm) = self._truth()
         return m.MAVLink_sim_state_message(
             *quaternion(ned.yaw_rad, ned.pitch_rad, ned.roll_rad), ned.roll_rad, ned.pitch_rad, ned.yaw_rad,
             0.0, 0.0, -9.81, 0.0, 0.0, ned.yaw_rate_radps, lat_e7 * 1e-7, lon_e7 * 1e-7, alt_mm * 1e-3,
@@ -286,9 +279,49 @@ class Telemetry:
         )  # fmt: skip
 
 
-def _short(value: float) -> int:
-    return max(-_INT16, min(_INT16, round(value)))
+def _cmps(ned: NedPose) -> list[int]:
+    """The velocity in whole cm/s."""
+    return [
+        max(-_INT16, min(_INT16, round(100.0 * v_mps))) for v_mps in (ned.v_north_mps, ned.v_east_mps, ned.v_down_mps)
+    ]
 
 
 def _compass_cdeg(yaw_rad: float) -> int:
     return round(math.degrees(yaw_rad) * 100.0) % 36000
+
+
+class Streams:
+    """Intervals of messages, on a grid of their own, without catching up on missed ones.
+
+    Args:
+        rates_hz: by name, what comes unasked.
+        t_s: now.
+    """
+
+    def __init__(self, rates_hz: Mapping[str, float], t_s: float) -> None:
+        self._default_s = {name: 1.0 / rate for name, rate in rates_hz.items()}
+        self._interval_s = dict(self._default_s)
+        self._next_s = dict.fromkeys(rates_hz, t_s)
+
+    def interval_us(self, name: str) -> int:
+        """As MESSAGE_INTERVAL tells it: -1 when the message does not come."""
+        interval_s = self._interval_s.get(name)
+        return -1 if interval_s is None else round(interval_s * 1e6)
+
+    def set_interval_us(self, name: str, interval_us: float, t_s: float) -> None:
+        """As SET_MESSAGE_INTERVAL asks: 0 is the default, below 0 is off."""
+        interval_s = self._default_s.get(name) if interval_us == 0.0 else interval_us * 1e-6
+        if interval_s is None or interval_s < 0.0:
+            self._interval_s.pop(name, None)
+            self._next_s.pop(name, None)
+        else:
+            self._interval_s[name] = interval_s
+            self._next_s[name] = t_s
+
+    def due(self, t_s: float) -> Iterator[str]:
+        """Names of the messages to send now."""
+        for name, next_s in self._next_s.items():
+            if t_s >= next_s - _TOLERANCE_S:
+                interval_s = self._interval_s[name]
+                self._next_s[name] = max(next_s + interval_s, t_s - interval_s)
+                yield name

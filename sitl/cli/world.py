@@ -19,8 +19,7 @@ from sitl.world.connection import TruthUrl
 from sitl.world.mavlink_out import Feed
 from sitl.world.odometry import Align, OdometrySettings
 from sitl.world.placement import Scene
-from sitl.world.server import CONTACT, Plan, WorldServer
-from sitl.world.tasks import INTERRUPTED
+from sitl.world.server import CONTACT, INTERRUPTED, Plan, WorldServer
 from sitl.world.truth_messages import TruthKind
 
 SEVERAL = "side by side, as `companion sim --vehicles` starts them"

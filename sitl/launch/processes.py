@@ -1,4 +1,4 @@
-"""The processes of one flight: started, waited for, and ended however the flight ends."""
+"""The processes of one flight and their settings: started, waited for, and ended however the flight ends."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from companion.config.load import load, merge
 from companion.config.settings import Settings
 from companion.errors import CompanionError
-from sitl.launch.settings import write_settings
+from companion.mavlink.firmware import ARDUCOPTER_BRAKE_MPS2
 
 START_TIMEOUT_S = 240.0
 """The first start on a computer compiles everything, which takes a small one minutes."""
@@ -26,6 +27,15 @@ END_TIMEOUT_S = 10.0
 
 _SERVES = {"autopilot": "standing at", "world": "waiting for its truth"}
 """What a process says when it serves; one that dies says something too."""
+
+Sections = Mapping[str, Any]
+"""Nested mappings, like those in a settings file."""
+
+OF_PERSONALITY: Mapping[str, Sections] = {
+    "px4": {},
+    "ardupilot": {"control": {"governor": {"brake_mps2": ARDUCOPTER_BRAKE_MPS2}}},
+}
+"""What an autopilot needs that is not the default; without it pre-flight refuses to fly it."""
 
 
 class CrewError(CompanionError):
@@ -44,7 +54,7 @@ class FlightPlan:
         seed: draws the start, the noise and the choices.
         time_limit_s: of the exploring.
         preset: of the application.
-        settings: what is set besides what `sitl.launch.settings` and this flight need, as nested mappings like those
+        settings: what is set besides what `sitl.launch.processes` and this flight need, as nested mappings like those
             in a settings file.
         autopilot: more options for `companion sitl autopilot`.
         world_options: more options for `companion sitl world`.
@@ -223,3 +233,26 @@ def patient() -> Iterator[None]:
 def environment() -> dict[str, str]:
     """For the application: its output line by line, also into a file."""
     return {**os.environ, "PYTHONUNBUFFERED": "1"}
+
+
+def write_settings(file: Path, preset: str, personality: str, *layers: Sections) -> Settings:
+    """Write a settings file: what the personality needs, and over it the layers, the last one uppermost.
+
+    Args:
+        file: is made, or made anew.
+        preset: below everything.
+        personality: px4 or ardupilot.
+        layers: what is set besides.
+
+    Returns:
+        What is in force with it.
+
+    Raises:
+        InputError: these settings cannot be used.
+    """
+    sections = dict(OF_PERSONALITY[personality])
+    for layer in layers:
+        sections = merge(sections, layer)
+    # JSON is YAML.
+    file.write_text(json.dumps({"preset": preset, **sections}, indent=2) + "\n", encoding="utf-8")
+    return load(file).settings

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sitl.mines.extrude import Array, Height, extruded
 from sitl.mines.model import World
-from sitl.mines.plan import Drift, grid_lines, inside_m, middle_m, round_drift, square_drift
+from sitl.mines.plan import Array, Drift, Height, extruded, grid_lines, inside_m, middle_m, round_drift, square_drift
 
 _STEP_M = 0.5
 _RAMP = float(np.tan(np.deg2rad(15.0)))

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
+from sitl.report.cards import number
 from sitl.report.data import Array, ReportData, stretches, thinned
 from sitl.report.style import (
     CRITICAL,
@@ -21,7 +22,6 @@ from sitl.report.style import (
     WIDTH_IN,
     picture,
 )
-from sitl.report.text import number
 from sitl.sim.flight_log import MODES, FlightLog
 from sitl.sim.simulation import COMPLETE_SHARE
 

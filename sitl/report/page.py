@@ -1,17 +1,21 @@
-"""The HTML of a report. All text that comes from outside is escaped here, and nowhere else."""
+"""The report as one HTML file. All text that comes from outside is escaped here, and nowhere else."""
 
 from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib import resources
+from pathlib import Path
 
-from sitl.report.cards import Card, State, key_figures, verdict
+from companion.mapping.files.whole import whole_file
+from sitl.report.cards import UNKNOWN, Card, State, key_figures, rows, shown, verdict
+from sitl.report.curves import distance_histogram, flight_picture, progress_picture
 from sitl.report.data import ReportData
-from sitl.report.text import UNKNOWN, rows, shown
+from sitl.report.maps import map_pictures
+from sitl.report.plan import overview_png
 
 _MARKS = {State.GOOD: ("✓", "met"), State.LOOK: ("!", "look here"), State.BAD: ("✕", "failed"), State.PLAIN: ("", "")}
 _FILES = (
@@ -123,3 +127,75 @@ def _row(name: str, value: str) -> str:
 
 def _link(name: str, what: str) -> str:
     return f'<li><a href="{name}">{name}</a> <span>{what}</span></li>\n'
+
+
+def write_report(path: Path, data: ReportData) -> None:
+    """Writes the report to ``path``: one HTML file that needs no other, replaced only once the new one is complete.
+
+    Raises:
+        OSError: the file cannot be written; what was there before is then still there.
+    """
+    # A name from a damaged file system may hold characters that UTF-8 does not have.
+    content = page_html(data, _sections(data)).encode("utf-8", errors="replace")
+    with whole_file(path) as file:
+        file.write(content)
+
+
+def _sections(data: ReportData) -> Iterator[Section]:
+    several = len(data.flights) > 1
+    colours = "one colour a vehicle" if several else "coloured by mode"
+    yield Section(
+        "The way flown",
+        [
+            Picture(
+                overview_png(data),
+                f"The mine from above and the way flown, {colours}; the outline is its walls at flying height: look "
+                "for drifts that no line enters, and for lines that come near a wall.",
+            )
+        ],
+    )
+    maps = map_pictures(data)
+    if maps is not None:
+        above, oblique = maps
+        yield Section(
+            "The map",
+            [
+                Picture(
+                    oblique,
+                    "The map with everything above the flying height taken off: look for holes in floors and walls; "
+                    "red is what could have been seen but is missing, on the roof too.",
+                ),
+                Picture(above, "The same from straight above: look for walls that are crooked, doubled or broken."),
+            ],
+        )
+    if data.flights:
+        yield Section("The flight over time", [_flight(data, index) for index in range(len(data.flights))])
+    yield Section(
+        "Progress and distance",
+        [
+            Picture(
+                progress_picture(data),
+                "How much of the visible surface was mapped when: look for long flat stretches, in which the vehicle "
+                "flew where everything had been seen.",
+                half=True,
+            ),
+            Picture(
+                distance_histogram(data),
+                "How much of the time was spent how near to a wall: look for red bars, left of d_c, and for how far "
+                "the bulk is from d_s.",
+                half=True,
+            ),
+        ],
+    )
+
+
+def _flight(data: ReportData, index: int) -> Picture:
+    flight = data.flights[index]
+    several = len(data.flights) > 1
+    whose = f"Vehicle {flight.vehicle_id}: distance" if several else "Distance"
+    layers = "; where h leaves H for a while, others were near and each kept to its own layer" if several else ""
+    return Picture(
+        flight_picture(flight, data),
+        f"{whose} to the nearest wall, height above ground and mode: look for blue in the red band, nearer than d_c, "
+        f"and for grey that leaves the blue, which is a wrong measurement{layers}.",
+    )

@@ -1,8 +1,9 @@
-"""The mine from above with the ways flown, as in the paper's Figs. 7 and 9."""
+"""The mine from above, what it covers and its walls, with the ways flown, as in the paper's Figs. 7 and 9."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,9 +11,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 
-from sitl.report.data import Array, ReportData, stretches
-from sitl.report.mine import Plan, mine_plan
+from sitl.report.data import Array, Points, ReportData, stretches
 from sitl.report.style import (
     CRITICAL,
     INK,
@@ -28,6 +29,129 @@ from sitl.report.style import (
     vehicle_colour,
 )
 from sitl.sim.flight_log import MODES, FlightLog
+
+_WIDTH_PX = 600
+_LEVEL_CELLS = 96
+_FLOWN_POINTS = 400
+_CHUNK = 500_000
+_PER_PIXEL = 1.5  # points a pixel along rows that are turned against the grid: 1.0 leaves holes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """A mine from above.
+
+    Attributes:
+        covered: (rows, columns) bool, row 0 in the south: the surface has a point above or below there.
+        extent_m: (west, east, south, north) of ``covered``.
+        walls_m: (s, 2, 2) segments, where the surface crosses the flying height.
+    """
+
+    covered: NDArray[np.bool_]
+    extent_m: tuple[float, float, float, float]
+    walls_m: Array
+
+
+def mine_plan(
+    vertices_m: Points, triangles: NDArray[np.integer], flown_m: Sequence[Points], height_m: float
+) -> Plan | None:
+    """The plan of a mesh, cut at the height at which the vehicles flew there; ``None`` for an empty mesh.
+
+    The cut follows slopes: its height is interpolated between the true positions ``flown_m`` (each (n, 3)), so on a
+    slope where nobody flew it may miss the walls, and only ``covered`` shows the drift. If nobody flew anywhere it is
+    level, ``height_m`` above the lowest point.
+    """
+    if len(triangles) == 0:
+        return None
+    corners = np.asarray(vertices_m, dtype=np.float64)
+    used = corners[np.unique(triangles)]
+    low, high = used[:, :2].min(axis=0), used[:, :2].max(axis=0)
+    pixel = float((high - low).max()) / _WIDTH_PX or 1.0
+    low, high = low - 2.0 * pixel, high + 2.0 * pixel
+    shape = np.ceil((high - low) / pixel).astype(np.int64)
+    top = low + shape * pixel
+
+    positions = np.concatenate([np.empty((0, 3)), *flown_m])
+    if len(positions) > 0:
+        level = _flown_level(corners, positions, low, top)
+    else:
+        level = np.full(len(corners), used[:, 2].min() + height_m)
+    return Plan(
+        _covered(corners[:, :2], triangles, low, pixel, (int(shape[1]), int(shape[0]))),
+        (low[0], top[0], low[1], top[1]),
+        section(corners, triangles, level),
+    )
+
+
+def section(vertices_m: Array, triangles: NDArray[np.integer], level_m: Array) -> Array:
+    """Where a mesh crosses a surface given by its height ``level_m`` (n,) at each vertex.
+
+    Returns:
+        (s, 2, 2) segments in the plan.
+    """
+    above_m = vertices_m[:, 2] - level_m
+    above = above_m[triangles] >= 0.0
+    count = above.sum(axis=1)
+    crossed = (count == 1) | (count == 2)
+    corners, above, count = triangles[crossed], above[crossed], count[crossed]
+    # One corner is alone on its side of the cut: the segment joins the two edges that leave it.
+    alone = np.argmax(above == (count == 1)[:, None], axis=1)
+    rows = np.arange(len(corners))
+    tip = corners[rows, alone]
+    ends = []
+    for other in (corners[rows, (alone + 1) % 3], corners[rows, (alone + 2) % 3]):
+        share = above_m[tip] / (above_m[tip] - above_m[other])
+        ends.append(vertices_m[tip, :2] + share[:, None] * (vertices_m[other, :2] - vertices_m[tip, :2]))
+    return np.stack(ends, axis=1)
+
+
+def _flown_level(vertices_m: Array, positions_m: Array, low_m: Array, high_m: Array) -> Array:
+    """The flying height at each vertex, from the positions weighted by 1/distance⁴, over a coarse grid."""
+    some = positions_m[np.linspace(0, len(positions_m) - 1, min(len(positions_m), _FLOWN_POINTS)).astype(np.int64)]
+    x, y = (np.linspace(low_m[axis], high_m[axis], _LEVEL_CELLS) for axis in (0, 1))
+    grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    squared = (grid[:, :1] - some[:, 0]) ** 2 + (grid[:, 1:] - some[:, 1]) ** 2
+    weights = 1.0 / (squared + 0.01) ** 2
+    level = ((weights @ some[:, 2]) / weights.sum(axis=1)).reshape(_LEVEL_CELLS, _LEVEL_CELLS)
+
+    where = (vertices_m[:, :2] - low_m) / (high_m - low_m) * (_LEVEL_CELLS - 1)
+    where = np.clip(where, 0.0, _LEVEL_CELLS - 1)  # vertices that no triangle uses may lie anywhere
+    cell = np.minimum(where.astype(np.int64), _LEVEL_CELLS - 2)
+    (i, j), (u, v) = cell.T, (where - cell).T
+    return np.asarray(
+        (level[i, j] * (1 - u) + level[i + 1, j] * u) * (1 - v)
+        + (level[i, j + 1] * (1 - u) + level[i + 1, j + 1] * u) * v
+    )
+
+
+def _covered(
+    plan_m: Array, triangles: NDArray[np.integer], low_m: Array, pixel_m: float, shape: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """The pixels onto which the triangles fall, found by points on each that lie less than a pixel apart."""
+    covered = np.zeros(shape, dtype=np.bool_)
+    corners = (plan_m[triangles] - low_m) / pixel_m
+    sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+    # Start every triangle at its longest side: rows of points run along that and shrink towards the third corner.
+    first = np.argmax(sides, axis=1)
+    rows = np.arange(len(corners))
+    a, b, c = (corners[rows, (first + k) % 3] for k in range(3))
+    longest = sides[rows, first]
+    area = np.abs((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]))
+    across = area / np.maximum(longest, 1e-12)
+    n_along, n_across = (
+        2 ** np.ceil(np.log2(np.maximum(_PER_PIXEL * size, 1.0))).astype(np.int64) for size in (longest, across)
+    )
+
+    for along, up in np.unique(np.stack([n_along, n_across], axis=1), axis=0):
+        s = np.tile(np.linspace(0.0, 1.0, along + 1), up + 1)
+        t = np.repeat(np.linspace(0.0, 1.0, up + 1), along + 1)
+        share = np.stack([(1 - t) * (1 - s), (1 - t) * s, t])
+        group = np.flatnonzero((n_along == along) & (n_across == up))
+        for part in np.array_split(group, len(group) * len(s) // _CHUNK + 1):
+            points = np.einsum("kp,knd->npd", share, np.stack([a[part], b[part], c[part]]))
+            column, row = points.reshape(-1, 2).astype(np.int64).T
+            covered[row, column] = True
+    return covered
 
 
 def overview_png(data: ReportData) -> bytes:

@@ -202,13 +202,7 @@ def _chunks_in_view(chunks: _Chunks, view: _View) -> NDArray[np.int64]:
 
 
 @compiled_unchecked
-def _clipped(
-    polygon: Array,
-    seen: Array,
-    pixel: Array,
-    corners: NDArray[np.int64],
-    lens: Lens,
-) -> int:
+def _clipped(polygon: Array, seen: Array, pixel: Array, corners: NDArray[np.int64], lens: Lens) -> int:
     """Writes the part of a triangle beyond the near plane to ``polygon``, in pixels; returns its number of corners."""
     fx, fy, cx, cy = lens
     count = 0
@@ -242,10 +236,7 @@ def _covers_a_pixel(polygon: Array, count: int, width: int, height: int) -> bool
 
 @compiled_unchecked
 def _inverse_depth(
-    a: tuple[float, float, float],
-    b: tuple[float, float, float],
-    c: tuple[float, float, float],
-    lens: Lens,
+    a: tuple[float, float, float], b: tuple[float, float, float], c: tuple[float, float, float], lens: Lens
 ) -> tuple[float, float, float]:
     """1/depth over the pixels of the plane through three points: growth along u, growth along v, value at (0, 0).
 

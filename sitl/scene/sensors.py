@@ -128,36 +128,34 @@ class SensorRig:
             draws = -math.log1p(-noise.depth_dropout_share) * depth.size
             dropped = self._rng.integers(0, depth.size, round(draws))
             _spoil(depth, spread, dropped, noise.depth_noise_per_m2)
-        _hide_near(depth, self._camera.min_range_m)
+        depth[depth < self._camera.min_range_m] = np.nan
         delay_s = noise.depth_latency_s if noise.enabled else 0.0
         self._in_flight.append((true.t_s + delay_s, DepthFrame(true.t_s, depth, self._camera, pose)))
 
     def _beams(self, true: Pose) -> tuple[RangeReading, ...]:
-        beams, noise = self._settings.beams, self._noise
-        ranges = self._cast(true, self._axes)
-        if noise.enabled:
-            ranges = ranges + noise.range_noise_m * self._rng.standard_normal(ranges.size)
-            ranges[self._rng.random(ranges.size) < noise.range_dropout_share] = np.nan
+        beams = self._settings.beams
         return tuple(
             RangeReading(
                 beam, true.t_s, None if math.isnan(r) else min(max(float(r), 0.0), beams.max_range_m), beams.max_range_m
             )
-            for beam, r in zip(beams.directions, ranges, strict=True)
+            for beam, r in zip(beams.directions, self._measured(true, self._axes), strict=True)
         )
 
     def _planar(self, true: Pose, pose: Pose) -> PlanarScan:
-        planar, noise = self._settings.planar, self._noise
+        planar = self._settings.planar
         axes = np.stack([np.cos(self._planar_rad), np.sin(self._planar_rad), np.zeros(planar.rays)], axis=1)
-        ranges = self._cast(true, axes)
+        return PlanarScan(true.t_s, self._planar_rad, self._measured(true, axes), planar.max_range_m, pose)
+
+    def _measured(self, true: Pose, axes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) ranges along axes (n, 3) of the body, with their noise; NaN where nothing came back."""
+        noise = self._noise
+        directions = axes @ rotation(true.yaw_rad, true.pitch_rad, true.roll_rad).T
+        origins = np.broadcast_to(np.array([true.x_m, true.y_m, true.z_m]), directions.shape)
+        ranges = np.asarray(self._caster.cast(origins, directions), np.float64)
         if noise.enabled:
             ranges = ranges + noise.range_noise_m * self._rng.standard_normal(ranges.size)
             ranges[self._rng.random(ranges.size) < noise.range_dropout_share] = np.nan
-        return PlanarScan(true.t_s, self._planar_rad, ranges, planar.max_range_m, pose)
-
-    def _cast(self, true: Pose, axes: NDArray[np.float64]) -> NDArray[np.float64]:
-        directions = axes @ rotation(true.yaw_rad, true.pitch_rad, true.roll_rad).T
-        origins = np.broadcast_to(np.array([true.x_m, true.y_m, true.z_m]), directions.shape)
-        return np.asarray(self._caster.cast(origins, directions), np.float64)
+        return ranges
 
 
 @compiled
@@ -173,14 +171,6 @@ def _spoil(
             z[i] += scale * z[i] * z[i] * noise[i]
     for i in dropped:
         z[i] = np.nan
-
-
-@compiled
-def _hide_near(depth: NDArray[np.float32], min_range_m: float) -> None:
-    for v in range(depth.shape[0]):
-        for u in range(depth.shape[1]):
-            if depth[v, u] < min_range_m:
-                depth[v, u] = np.nan
 
 
 def _due(t_s: float, next_s: float) -> bool:

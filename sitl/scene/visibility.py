@@ -1,4 +1,4 @@
-"""What a complete map would hold: the surface that can be seen from where a vehicle can fly (paper Definition 2.3)."""
+"""What a map is held against: the surface that can be seen from where a vehicle can fly (paper Definition 2.3)."""
 
 from __future__ import annotations
 
@@ -272,3 +272,18 @@ def _viewpoints(centres: Array, surface_points: Array, range_m: float) -> NDArra
         picked = near[np.take_along_axis(by_distance, np.minimum(rank, len(near) - 1), axis=1)]
         chosen[members] = np.where(rank < count, picked, -1)[:, trying]
     return chosen
+
+
+def precision(distances_m: NDArray[np.floating], voxel_m: float) -> float:
+    """The share of occupied voxels within one voxel of the true surface; NaN when there are none.
+
+    Args:
+        distances_m: (n,) distance of each occupied voxel's centre to the true surface, never negative.
+        voxel_m: edge of a voxel.
+    """
+    return float(np.mean(distances_m <= voxel_m)) if len(distances_m) else float("nan")
+
+
+def accuracy_m(distances_m: NDArray[np.floating]) -> float:
+    """The mean of ``distances_m`` (n,), from occupied voxels' centres to the true surface; NaN when there are none."""
+    return float(np.mean(distances_m)) if len(distances_m) else float("nan")

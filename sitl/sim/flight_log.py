@@ -11,23 +11,10 @@ from numpy.typing import NDArray
 from companion.model import Measurement, Mode, Pose, Setpoint
 
 COLUMNS = (
-    "t_s",
-    "x_m",
-    "y_m",
-    "z_m",
-    "yaw_rad",
-    "estimated_x_m",
-    "estimated_y_m",
-    "estimated_z_m",
-    "estimated_yaw_rad",
-    "d_m",
-    "d_front_m",
-    "true_d_m",
-    "h_m",
-    "speed_mps",
-    "setpoint_speed_mps",
-    "setpoint_climb_mps",
-    "setpoint_yaw_rate_radps",
+    *("t_s", "x_m", "y_m", "z_m", "yaw_rad"),
+    *("estimated_x_m", "estimated_y_m", "estimated_z_m", "estimated_yaw_rad"),
+    *("d_m", "d_front_m", "true_d_m", "h_m"),
+    *("speed_mps", "setpoint_speed_mps", "setpoint_climb_mps", "setpoint_yaw_rate_radps"),
 )
 MODES = tuple(Mode)
 
@@ -54,25 +41,12 @@ class FlightLog:
         if self._size == len(self._rows):
             self._rows = np.concatenate([self._rows, np.full_like(self._rows, np.nan)])
             self._modes = np.concatenate([self._modes, np.zeros_like(self._modes)])
-        nan = float("nan")
+        distances_m = (measurement.d_m, measurement.d_front_m, None, measurement.h_m)
         self._rows[self._size] = (
-            true.t_s,
-            true.x_m,
-            true.y_m,
-            true.z_m,
-            true.yaw_rad,
-            estimated.x_m,
-            estimated.y_m,
-            estimated.z_m,
-            estimated.yaw_rad,
-            nan if measurement.d_m is None else measurement.d_m,
-            nan if measurement.d_front_m is None else measurement.d_front_m,
-            nan,
-            nan if measurement.h_m is None else measurement.h_m,
-            speed_mps,
-            setpoint.speed_mps,
-            setpoint.climb_mps,
-            setpoint.yaw_rate_radps,
+            *(true.t_s, true.x_m, true.y_m, true.z_m, true.yaw_rad),
+            *(estimated.x_m, estimated.y_m, estimated.z_m, estimated.yaw_rad),
+            *(float("nan") if one_m is None else one_m for one_m in distances_m),
+            *(speed_mps, setpoint.speed_mps, setpoint.climb_mps, setpoint.yaw_rate_radps),
         )
         self._modes[self._size] = MODES.index(mode)
         self._size += 1

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from companion.config.settings import Settings
 from companion.mapping import VoxelMap
 from sitl.mines import World
-from sitl.scene.map_metrics import accuracy_m, precision
 from sitl.scene.raycast import RayCaster
-from sitl.scene.visibility import Truth, horizontal_clearance
+from sitl.scene.visibility import Truth, accuracy_m, horizontal_clearance, precision
 from sitl.sim.flight import Flight
 from sitl.sim.start import start_poses
 

@@ -62,10 +62,10 @@ class Vehicle:
         forward_to = self._setpoint.speed_mps * settings.speed_gain + gust_forward
         climb_to = self._setpoint.climb_mps * settings.speed_gain + gust_climb
         turn_to = self._setpoint.yaw_rate_radps * settings.yaw_rate_gain
-        self._forward_mps = _follow(self._forward_mps, forward_to, settings.speed_lag_s, limit, dt_s)
-        self._side_mps = _follow(self._side_mps, gust_side, settings.speed_lag_s, limit, dt_s)
-        self._climb_mps = _follow(self._climb_mps, climb_to, settings.speed_lag_s, limit, dt_s)
-        self._yaw_rate_radps = _follow(
+        self._forward_mps = follow(self._forward_mps, forward_to, settings.speed_lag_s, limit, dt_s)
+        self._side_mps = follow(self._side_mps, gust_side, settings.speed_lag_s, limit, dt_s)
+        self._climb_mps = follow(self._climb_mps, climb_to, settings.speed_lag_s, limit, dt_s)
+        self._yaw_rate_radps = follow(
             self._yaw_rate_radps, turn_to, settings.yaw_rate_lag_s, settings.max_yaw_acceleration_radps2, dt_s
         )
         yaw_rad = wrap_rad(old.yaw_rad + self._yaw_rate_radps * dt_s)
@@ -97,7 +97,7 @@ class Vehicle:
         self._disturbance = keep * self._disturbance + push * self._rng.standard_normal(3)
 
 
-def _follow(value: float, target: float, lag_s: float, limit: float, dt_s: float) -> float:
+def follow(value: float, target: float, lag_s: float, limit: float, dt_s: float) -> float:
     """One step of a first-order response whose rate is limited."""
     share = 1.0 - math.exp(-dt_s / lag_s) if lag_s > 0.0 else 1.0
     change = (target - value) * share

@@ -1,14 +1,20 @@
-"""What really happened: true distances, contacts, the way flown, for a test that cannot trust what the vehicle says."""
+"""What really happened, for a test that cannot trust what the vehicle says: distances, contacts, the way flown."""
 
 from __future__ import annotations
 
+import csv
+import json
 import logging
 import math
 from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any, Self
 
 import numpy as np
 
 from companion.config.settings import Settings
+from companion.errors import InputError
+from companion.mapping.files.whole import whole_file
 from companion.model import Pose
 from sitl.scene.visibility import horizontal_clearance
 from sitl.world.placement import Scene
@@ -29,6 +35,11 @@ STEP_M = 0.02
 
 APART_M = 0.1
 """A body that has come this much clear of the wall and touches it again has touched it twice."""
+
+COLUMNS = ("t_s", "x_m", "y_m", "z_m", "yaw_rad", "vx_mps", "vy_mps", "vz_mps", "d_m", "touching")
+
+MOST_ROWS = 2_000_000
+"""More than a day at 20 looks a second; a process that is forgotten must not fill the disk."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,3 +169,63 @@ class ContactMonitor:
             "least_d_m": round(self.least_d_m, 3) if math.isfinite(self.least_d_m) else None,
             "time_below_d_s_fraction": None if share is None else round(share, 5),
         }
+
+
+def write_score(path: Path, score: dict[str, object]) -> None:
+    """Writes the score as JSON; a reader sees the old one or the new one, never half of it.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    try:
+        with whole_file(path) as file:
+            file.write((json.dumps(score, indent=2, allow_nan=False) + "\n").encode())
+    except OSError as error:
+        raise InputError(f"--score {path}: {error.strerror or error}") from error
+
+
+class Trajectory:
+    """The true trajectory as CSV, a row for each look.
+
+    Args:
+        path: of the file, or None for none.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self._rows = 0
+        self._file: IO[str] | None = None
+        self._writer: Any = None
+
+    def __enter__(self) -> Self:
+        if self._path is not None:
+            try:
+                self._file = self._path.open("w", newline="", encoding="ascii")
+            except OSError as error:
+                raise InputError(f"--trajectory {self._path}: {error.strerror or error}") from error
+            self._writer = csv.writer(self._file)
+            self._writer.writerow(COLUMNS)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._file is not None:
+            self._file.close()
+            self._file = self._writer = None
+
+    def add(self, look: Look) -> None:
+        """Adds a row: times as `time.monotonic`, places in the mine, d empty while not flying."""
+        if self._writer is None or self._rows >= MOST_ROWS:
+            return
+        self._rows += 1
+        pose = look.pose
+        numbers = (pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad, pose.vx_mps, pose.vy_mps, pose.vz_mps)
+        d_m = "" if look.d_m is None else f"{look.d_m:.3f}"
+        self._writer.writerow([f"{pose.t_s:.4f}", *(f"{x:.4f}" for x in numbers), d_m, int(look.touching)])
+
+    def flush(self) -> None:
+        """Hands everything to the operating system, for whoever reads along."""
+        if self._file is not None:
+            self._file.flush()

@@ -29,11 +29,8 @@ ORIGIN_AFTER_S, ORIGIN_EVERY_S, ORIGIN_TRIES = 2.0, 2.0, 15
 SOMEWHERE = Fix(47.397742, 8.545594, 489.4)
 """Where PX4's simulators boot: the origin when the truth came without latitude and longitude."""
 
-_IDS = {
-    "HIL_STATE_QUATERNION": mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION,
-    "SIM_STATE": mavlink.MAVLINK_MSG_ID_SIM_STATE,
-    "LOCAL_POSITION_NED": mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
-    "ATTITUDE": mavlink.MAVLINK_MSG_ID_ATTITUDE,
+_IDS: dict[str, int] = {
+    name: getattr(mavlink, f"MAVLINK_MSG_ID_{name}") for names in MESSAGES.values() for name in names
 }
 _OWN = {mavlink.MAV_AUTOPILOT_PX4: "HIL_STATE_QUATERNION", mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: "SIM_STATE"}
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import math
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,13 +23,11 @@ from companion.sensors.drivers.stream_server import StreamServer
 from sitl.scene.render import DepthRenderer
 from sitl.scene.sensors import SensorRig
 from sitl.world.connection import Connection, TruthUrl
-from sitl.world.contact_monitor import ContactMonitor, Look
+from sitl.world.contact_monitor import ContactMonitor, Look, Trajectory, write_score
 from sitl.world.handshake import Handshake, wanted_ids
 from sitl.world.mavlink_out import Feed, Outgoing, bins_of_beams, bins_of_planar
 from sitl.world.odometry import Odometry, OdometrySettings
 from sitl.world.placement import Placer, Scene
-from sitl.world.score_files import Trajectory, write_score
-from sitl.world.tasks import every, signals_call
 from sitl.world.truth_messages import TruthKind, TruthReader
 
 log = logging.getLogger(__name__)
@@ -37,6 +37,8 @@ CONTACT = "contact"
 SEND_S = 1.0
 SCORE_S = 5.0
 STATUS_S = 10.0
+
+INTERRUPTED, TERMINATED = "interrupted", "terminated"
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,3 +270,29 @@ class WorldServer:
             f"{monitor.time_s:.0f} s, {monitor.path_m:.1f} m flown, {least}, {monitor.contacts} contacts, "
             f"{self._frames} frames, {self._estimates} odometry"
         )
+
+
+async def every(period_s: float, action: Callable[[], None], at_once: bool = True) -> None:
+    """Calls ``action`` again and again until cancelled."""
+    if not at_once:
+        await asyncio.sleep(period_s)
+    while True:
+        action()
+        await asyncio.sleep(period_s)
+
+
+@contextlib.contextmanager
+def signals_call(stop: Callable[[str], None]) -> Iterator[None]:
+    """Ctrl-C and SIGTERM call ``stop`` with the reason, so that everything ends in good order."""
+    loop = asyncio.get_running_loop()
+    reasons = {signal.SIGINT: INTERRUPTED, signal.SIGTERM: TERMINATED}
+    # Not in the main thread of a program: then whoever runs it stops it.
+    with contextlib.suppress(RuntimeError, ValueError):
+        for number, reason in reasons.items():
+            loop.add_signal_handler(number, stop, reason)
+    try:
+        yield
+    finally:
+        for number in reasons:
+            with contextlib.suppress(RuntimeError, ValueError):
+                loop.remove_signal_handler(number)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any
 
 from companion.clock import ClockAlignment
@@ -106,7 +106,7 @@ class TruthReader:
             return None
         else:
             pose = self._local(message, received_s)
-        if pose is None or not _is_finite(pose):
+        if pose is None or not all(map(math.isfinite, astuple(pose))):
             self.refused += 1
             return None
         if pose.t_s <= self._last_s:  # two in one instant, or the alignment has just found a shorter delay
@@ -130,13 +130,7 @@ class TruthReader:
         return self._globe(received_s, angles, fix, velocity, (message.ygyro, message.zgyro), ARDUPILOT_EARTH_M)
 
     def _globe(
-        self,
-        t_s: float,
-        angles: Triple | None,
-        fix: Fix,
-        velocity: Triple,
-        rates: tuple[float, float],
-        radius_m: float,
+        self, t_s: float, angles: Triple | None, fix: Fix, velocity: Triple, rates: tuple[float, float], radius_m: float
     ) -> NedPose | None:
         # Before it knows its place, a simulator sends zeros.
         if angles is None or (fix.latitude_deg == 0.0 and fix.longitude_deg == 0.0):
@@ -187,16 +181,6 @@ def _yaw_rate(roll_rad: float, pitch_rad: float, pitch_speed_radps: float, yaw_s
     """How fast the heading turns, in rad/s, from the rates about the body's own axes."""
     level = max(math.cos(pitch_rad), 0.1)  # nose straight up or down there is no heading
     return (math.sin(roll_rad) * pitch_speed_radps + math.cos(roll_rad) * yaw_speed_radps) / level
-
-
-def _is_finite(pose: NedPose) -> bool:
-    return all(
-        math.isfinite(value)
-        for value in (
-            *(pose.t_s, pose.north_m, pose.east_m, pose.down_m, pose.roll_rad, pose.pitch_rad, pose.yaw_rad),
-            *(pose.v_north_mps, pose.v_east_mps, pose.v_down_mps, pose.yaw_rate_radps),
-        )
-    )
 
 
 class PositionFilter:

@@ -26,7 +26,7 @@ from packaging.utils import parse_wheel_filename
 
 from companion.config.load import load_settings
 from companion.config.show import dump_yaml
-from sitl.launch.settings import OF_PERSONALITY, write_settings
+from sitl.launch.processes import OF_PERSONALITY, write_settings
 from sitl.world.connection import TruthUrl
 
 ROOT = Path(__file__).parents[2]

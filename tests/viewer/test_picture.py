@@ -10,8 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from companion.errors import InputError
-from companion.viewer.trajectory import trajectories
-from companion.viewer.voxels import State
+from companion.viewer.voxels import State, trajectories
 from tests.viewer.maps import nothing, tunnel
 
 pytest.importorskip("matplotlib", reason="pip install mine-companion[ground]")

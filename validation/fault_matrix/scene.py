@@ -17,8 +17,7 @@ from companion.errors import CompanionError
 from companion.flight.request import FlightRequest, application, module, sealed
 from companion.gate.plan import Plan
 from companion.safety_case.gate_plan import to_plan
-from sitl.launch.processes import command, environment, free_tcp_port, free_udp_ports
-from sitl.launch.settings import Sections, write_settings
+from sitl.launch.processes import Sections, command, environment, free_tcp_port, free_udp_ports, write_settings
 from tests.integration.relay import UdpRelay
 from tests.integration.rig import BOOT_S, SILENCE
 from tests.integration.witness import Witness, speed_mps

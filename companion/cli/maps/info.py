@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from companion.cli.maps.progress import Progress
-from companion.cli.maps.sources import losses_text, map_at, opened, size_text
+from companion.cli.maps.sources import chunks_seen, losses_text, map_at, opened, size_text
 from companion.mapping.files.facts import MapFacts, facts_of
 from companion.mapping.journal import Header, Journal
 from companion.mapping.voxels.piece import MapSource
@@ -59,8 +59,7 @@ def show_info(path: Path, *, as_json: bool) -> str:
 
 def _info(place: Path, source: MapSource, progress: Progress) -> MapInfo:
     journal = source if isinstance(source, Journal) else None
-    chunks = None if journal is None else max(len(journal.chunks), 1)
-    facts = facts_of(source, lambda seen: progress(None if chunks is None else seen / chunks))
+    facts = facts_of(source, chunks_seen(source, progress))
     files = [place] if journal is None else [file for file in place.iterdir() if file.is_file()]
     # Damage inside a record shows only when it is read, so this is asked last.
     losses = () if journal is None else journal.losses

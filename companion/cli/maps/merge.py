@@ -18,7 +18,7 @@ from companion.errors import InputError
 from companion.mapping.files import write
 from companion.mapping.files.merge import IndexedMap, MergedMap
 from companion.mapping.journal import JOURNAL_SUFFIX, Header, Journal, JournalError
-from companion.mapping.journal.lock import lock
+from companion.mapping.journal.recovery import lock
 from companion.mapping.voxels.piece import MapSource
 
 TREE_SUFFIX = ".ot"

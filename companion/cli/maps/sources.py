@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -115,6 +115,12 @@ def write_errors(target: Path) -> Iterator[None]:
         if not isinstance(cause, OSError):
             raise
         raise MapCommandError(f"{target}: {cause.strerror or cause}; nothing was written there") from None
+
+
+def chunks_seen(source: MapSource, progress: Progress) -> Callable[[int], None]:
+    """Tells ``progress`` how many chunks of a map were seen; of an OctoMap file nobody knows how many there are."""
+    chunks = max(len(source.chunks), 1) if isinstance(source, Journal) else None
+    return lambda seen: progress(None if chunks is None else seen / chunks)
 
 
 def losses_text(places: int, size_bytes: int) -> str:

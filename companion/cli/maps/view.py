@@ -8,10 +8,10 @@ from pathlib import Path
 import typer
 
 from companion.cli.maps.progress import Progress
-from companion.cli.maps.sources import map_at, opened, refuse_target, write_errors
+from companion.cli.maps.sources import chunks_seen, map_at, opened, refuse_target, write_errors
 from companion.errors import CompanionError, InputError
-from companion.mapping.journal import Journal
-from companion.mapping.voxels.piece import MapSource
+from companion.model import FloatArray
+from companion.viewer.voxels import PackedVoxels, packed, trajectories
 
 EXTRA = "mine-companion[ground]"
 _OF_THE_EXTRA = ("viser", "matplotlib")
@@ -35,13 +35,7 @@ def draw_picture(source: Path, picture: Path, *, overwrite: bool) -> None:
         from companion.viewer.picture import write_picture
     except ModuleNotFoundError as error:
         raise _missing(error) from None
-    from companion.viewer.trajectory import trajectories
-    from companion.viewer.voxels import packed
-
-    place = map_at(source)
-    with opened(source) as voxels, Progress("reading the map") as progress:
-        bits = packed(voxels, lambda seen: progress(_share(voxels, seen)))
-    ways = trajectories(place.parent)
+    bits, ways = _read(source)
     with write_errors(picture), Progress(f"drawing {picture.name}") as progress:
         write_picture(bits, _name(source), list(ways.values()), picture, progress)
     typer.echo(f"{picture}: {picture.stat().st_size:,} bytes")
@@ -58,13 +52,7 @@ def show_in_browser(source: Path, host: str, port: int, most_points: int) -> Non
         from companion.viewer.page import serve
     except ModuleNotFoundError as error:
         raise _missing(error) from None
-    from companion.viewer.trajectory import trajectories
-    from companion.viewer.voxels import packed
-
-    place = map_at(source)
-    with opened(source) as voxels, Progress("reading the map") as progress:
-        bits = packed(voxels, lambda seen: progress(_share(voxels, seen)))
-    ways = trajectories(place.parent)
+    bits, ways = _read(source)
     with serve(bits, _name(source), ways, host, port, most_points) as page:
         typer.echo(f"{source}: open http://{_reached_at(host)}:{page.port}; Ctrl-C ends it")
         if page.note:
@@ -77,8 +65,11 @@ def _reached_at(host: str) -> str:
     return {"127.0.0.1": "localhost", "0.0.0.0": socket.gethostname()}.get(host, host)  # noqa: S104 - the user asks
 
 
-def _share(source: MapSource, seen: int) -> float | None:
-    return seen / max(len(source.chunks), 1) if isinstance(source, Journal) else None
+def _read(source: Path) -> tuple[PackedVoxels, dict[str, FloatArray]]:
+    """A map, and the ways flown that lie beside it."""
+    with opened(source) as voxels, Progress("reading the map") as progress:
+        bits = packed(voxels, chunks_seen(voxels, progress))
+    return bits, trajectories(map_at(source).parent)
 
 
 def _name(source: Path) -> str:

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import BinaryIO
 
 from companion.mapping.files.clouds import write_las, write_laz, write_pcd, write_ply
-from companion.mapping.files.export import Export, MapFileError, Progress, silent
+from companion.mapping.files.export import Export, MapFileError
 from companion.mapping.files.mesh import write_mesh
 from companion.mapping.files.octree import write_bt, write_ot
 from companion.mapping.files.octree_read import open_octree
 from companion.mapping.files.whole import whole_file
 from companion.mapping.journal import Journal
-from companion.mapping.voxels.piece import MapSource
+from companion.mapping.voxels.piece import MapSource, Progress, silent
 
 FORMATS: dict[str, Callable[[Export, BinaryIO, Progress], None]] = {
     "ply": write_ply,
@@ -63,7 +63,7 @@ def open_map(path: Path, progress: Progress = silent) -> MapSource:
     return open_octree(path, progress)
 
 
-def write(source: MapSource, path: Path, progress: Progress | None = None, created: date | None = None) -> None:
+def write(source: MapSource, path: Path, progress: Progress = silent, created: date | None = None) -> None:
     """Write a map in the format that the suffix of ``path`` names.
 
     Args:
@@ -80,8 +80,7 @@ def write(source: MapSource, path: Path, progress: Progress | None = None, creat
     if format_ not in FORMATS:
         known = ", ".join(f".{name}" for name in FORMATS)
         raise MapFileError(f"{path}: the suffix {path.suffix!r} names no format of a map; give one of {known}")
-    watched = progress or silent
-    _write(Export.of(source, created, watched), format_, path, watched)
+    _write(Export.of(source, created, progress), format_, path, progress)
 
 
 def write_map(source: MapSource, folder: Path, created: date | None = None) -> dict[str, Path]:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion import __version__
-from companion.mapping.files.export import Export, Progress
+from companion.mapping.files.export import Export
+from companion.mapping.voxels.piece import Progress
 from companion.model import FloatArray
 
 _STOPS = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]], np.float64)

@@ -1,4 +1,10 @@
-"""What a map amounts to, in numbers: found in one pass over its pieces."""
+"""What a map amounts to, in numbers: found in one pass over its pieces.
+
+The surface is the boundary between occupied and free voxels, estimated chunk by chunk. The faces between occupied and
+free voxels of a slanted wall have up to 1.7 times its area. So they are counted by axis in each cube of 4 voxels: one
+flat surface with the normal n and area A has A |n_x| of them along x, and so on, and its area is the length of that
+vector. Edges inside a cube come out smaller than they are; noise adds some.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.compiled import compiled
-from companion.mapping.files.surface_area import SurfaceArea
-from companion.mapping.voxels.chunks import EDGE, NOTHING, OFFSETS, VOLUME
+from companion.mapping.voxels.chunks import EDGE, NOTHING, PLACES, keys_of
 from companion.mapping.voxels.piece import MapSource
 
 _PIECE = 256
@@ -60,23 +64,32 @@ def facts_of(source: MapSource, progress: Callable[[int], None] = lambda _: None
         source: the map.
         progress: is given how many chunks were seen so far.
     """
-    counts = np.zeros(4, np.int64)
-    box = np.array([[_LIMIT] * 3, [-_LIMIT] * 3])
     area = SurfaceArea()
+    occupied = free = seen = chunks = 0
+    low, high = np.full(3, _LIMIT), np.full(3, -_LIMIT)
     for piece in source.pieces(_PIECE):
-        # Compiled functions are compiled anew for memory that is read-only, as that of a file is.
-        values = np.require(piece.values, np.int16, ["C", "W"])
-        _count(np.require(piece.chunks, np.int32, ["C", "W"]), values, source.threshold, counts, box)
-        area.add(piece.chunks, values, source.threshold)
-        progress(int(counts[3]))
-    occupied, free, undecided, chunks = (int(count) for count in counts)
-    corners = [(float(x), float(y), float(z)) for x, y, z in box * source.voxel_m]
+        values = piece.values.take(PLACES, axis=1)
+        known = values != NOTHING
+        is_occupied, is_free = values >= source.threshold, known & (values < 0)
+        area.add(piece.chunks, is_occupied, is_free)
+        occupied += int(np.count_nonzero(is_occupied))
+        free += int(np.count_nonzero(is_free))
+        seen += int(np.count_nonzero(known))
+        chunks += int(np.count_nonzero(known.any(axis=(1, 2, 3))))
+        decided = is_occupied | is_free
+        for axis, across in enumerate(((2, 3), (1, 3), (1, 2))):
+            row, place = np.nonzero(decided.any(axis=across))
+            at = EDGE * piece.chunks[row, axis].astype(np.int64) + place
+            low[axis] = at.min(initial=low[axis])
+            high[axis] = (at + 1).max(initial=high[axis])
+        progress(chunks)
+    corners = [(float(x), float(y), float(z)) for x, y, z in np.stack([low, high]) * source.voxel_m]
     return MapFacts(
         voxel_m=source.voxel_m,
         chunks=chunks,
         occupied=occupied,
         free=free,
-        undecided=undecided,
+        undecided=seen - occupied - free,
         low_m=corners[0] if occupied or free else None,
         high_m=corners[1] if occupied or free else None,
         free_m3=free * source.voxel_m**3,
@@ -84,44 +97,59 @@ def facts_of(source: MapSource, progress: Callable[[int], None] = lambda _: None
     )
 
 
-@compiled
-def _count(
-    chunks: NDArray[np.int32],
-    values: NDArray[np.int16],
-    threshold: int,
-    counts: NDArray[np.int64],
-    box: NDArray[np.int64],
-) -> None:
-    """Count the voxels of some chunks, and widen the box around those that are occupied or free.
+class SurfaceArea:
+    """Adds up the surface of a map that comes in pieces.
 
-    Args:
-        chunks: (n, 3) coordinates.
-        values: (n, 4096) log-odds.
-        threshold: occupied from this on.
-        counts: (4,) occupied, free, undecided voxels, and chunks with something in them; are added to.
-        box: (2, 3) lowest voxel and the one after the highest; is widened.
+    Faces between two chunks can only be counted when both have come, so the outer layers of each chunk are kept: half
+    a kilobyte for each.
     """
-    for row in range(chunks.shape[0]):
-        occupied = free = seen = 0
-        for place in range(VOLUME):
-            value = values[row, place]
-            occupied += value >= threshold
-            free += (value < 0) & (value != NOTHING)
-            seen += value != NOTHING
-        counts[0] += occupied
-        counts[1] += free
-        counts[2] += seen - occupied - free
-        counts[3] += seen > 0
-        inside = True
+
+    def __init__(self) -> None:
+        self._keys: list[NDArray[np.int64]] = []
+        self._faces: list[NDArray[np.uint8]] = []
+        self._sides: list[NDArray[np.uint8]] = []
+
+    def add(self, chunks: NDArray[np.int32], occupied: NDArray[np.bool_], free: NDArray[np.bool_]) -> None:
+        """Take some chunks, (n, 3), and which of their voxels are occupied and free, (n, 16, 16, 16); each chunk once.
+
+        Faces are counted at the occupied voxel: (n, 4, 4, 4, 3) by cube of 4 voxels and axis. Of the sides it is kept
+        which voxels are occupied and free: (n, 3, 2, 2, 32) by axis, lower and upper, state, and 256 bits.
+        """
+        faces, sides = np.empty((len(chunks), 4, 4, 4, 3), np.uint8), np.empty((len(chunks), 3, 2, 2, 32), np.uint8)
         for axis in range(3):
-            corner = np.int64(chunks[row, axis]) * EDGE
-            inside &= corner >= box[0, axis] and corner + EDGE <= box[1, axis]
-        if inside or occupied + free == 0:
-            continue
-        for place in range(VOLUME):
-            value = values[row, place]
-            if value >= threshold or (value < 0 and value != NOTHING):
-                for axis in range(3):
-                    at = np.int64(chunks[row, axis]) * EDGE + OFFSETS[place, axis]
-                    box[0, axis] = min(box[0, axis], at)
-                    box[1, axis] = max(box[1, axis], at + 1)
+            its, others = (np.moveaxis(voxels, 1 + axis, 1) for voxels in (occupied, free))
+            count = np.zeros(its.shape, np.uint8)
+            count[:, 1:] += its[:, 1:] & others[:, :-1]
+            count[:, :-1] += its[:, :-1] & others[:, 1:]
+            faces[..., axis] = np.moveaxis(_by_brick(count), 1, 1 + axis)
+            for state, voxels in enumerate((its, others)):
+                sides[:, axis, :, state] = np.packbits(voxels[:, (0, -1)].reshape(-1, 2, EDGE * EDGE), axis=-1)
+        self._keys.append(keys_of(chunks))
+        self._faces.append(faces)
+        self._sides.append(sides)
+
+    def in_faces(self) -> float:
+        """The area so far, in faces of a voxel."""
+        if not self._keys:
+            return 0.0
+        keys, faces, sides = np.concatenate(self._keys), np.concatenate(self._faces), np.concatenate(self._sides)
+        order = np.argsort(keys)
+        steps = keys_of(np.eye(3, dtype=np.int32)) - keys_of(np.zeros((3, 3), np.int32))
+        for axis, step in enumerate(steps.tolist()):
+            at = np.searchsorted(keys, keys + step, sorter=order)
+            beyond = order[np.minimum(at, len(keys) - 1)]
+            lower = np.flatnonzero(keys[beyond] == keys + step)
+            upper = beyond[lower]
+            layers = np.moveaxis(faces[..., axis], 1 + axis, 1)
+            for its, ours, theirs, layer in ((lower, 0, 1, -1), (upper, 1, 0, 0)):
+                both = np.unpackbits(sides[lower, axis, 1, ours] & sides[upper, axis, 0, theirs], axis=-1)
+                layers[its, layer] += _by_brick(both.reshape(-1, EDGE, EDGE))
+        return float(np.sqrt(np.square(faces, dtype=np.float32).sum(axis=-1)).sum(dtype=np.float64))
+
+
+def _by_brick(counts: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(n, 4, ..) the sums over four by four of what is counted by voxel, (n, 16, ..)."""
+    for axis in range(1, counts.ndim):
+        along = np.moveaxis(counts, axis, 0)
+        counts = np.moveaxis(along[::4] + along[1::4] + along[2::4] + along[3::4], 0, axis)
+    return counts

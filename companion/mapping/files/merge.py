@@ -11,8 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mapping.journal.rows import keys_of
-from companion.mapping.voxels.chunks import EDGE, NOTHING, OFFSETS, VOLUME
+from companion.mapping.voxels.chunks import EDGE, NOTHING, OFFSETS, VOLUME, keys_of, plain
 from companion.mapping.voxels.piece import MOST_CHUNKS, MapPiece, MapSource, add_log_odds
 
 Box = tuple[float, float, float, float, float, float]
@@ -113,7 +112,7 @@ class MergedMap:
                 theirs = voxels.read(chunks)
                 rows = np.searchsorted(keys, keys_of(theirs.chunks))
                 sums = values[rows]
-                add_log_odds(sums, np.require(theirs.values, np.int16, ["C", "W"]), _LEAST, _MOST)
+                add_log_odds(sums, plain(theirs.values, np.int16), _LEAST, _MOST)
                 values[rows] = sums
             add_log_odds(values, np.full_like(values, NOTHING), *self._clamps)
             yield MapPiece(chunks, values)

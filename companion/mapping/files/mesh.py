@@ -18,11 +18,11 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mapping.files.export import MapFileError, Progress, silent, writable
+from companion.mapping.files.export import MapFileError
 from companion.mapping.files.mesh_cells import WORDS, make_surface, mark_cells
 from companion.mapping.files.whole import Spool, whole_file
-from companion.mapping.voxels.chunks import NOTHING, VOLUME, chunk_key
-from companion.mapping.voxels.piece import MapSource
+from companion.mapping.voxels.chunks import NOTHING, VOLUME, keys_of, plain
+from companion.mapping.voxels.piece import MapSource, Progress, silent
 
 SHIFT = 0.5
 """How much deeper than where the log-odds pass the threshold the surface is put, in voxels.
@@ -72,7 +72,7 @@ class _Cells(NamedTuple):
     first: NDArray[np.int64]
 
 
-def write_mesh(source: MapSource, path: Path, progress: Progress | None = None) -> None:
+def write_mesh(source: MapSource, path: Path, progress: Progress = silent) -> None:
     """Write the surface as a mesh, in the format that the suffix names: ``.ply`` or ``.obj``.
 
     Args:
@@ -87,17 +87,16 @@ def write_mesh(source: MapSource, path: Path, progress: Progress | None = None) 
     suffix = path.suffix.lower()
     if suffix not in MESH_FORMATS:
         raise MapFileError(f"{path}: a surface is written as {' or '.join(MESH_FORMATS)}, not as {path.suffix!r}")
-    watched = progress or silent
     with whole_file(path) as file, Spool(path.parent) as spool:
-        chunks = _spooled(source, spool, watched)
+        chunks = _spooled(source, spool, progress)
         stored = _index(chunks)
-        cells = _marked(chunks, stored, spool, source.threshold, watched)
+        cells = _marked(chunks, stored, spool, source.threshold, progress)
         with tempfile.TemporaryFile(dir=path.parent) as vertices, tempfile.TemporaryFile(dir=path.parent) as triangles:
-            for some_vertices, some_triangles in _surface(cells, stored, spool, source, watched):
+            for some_vertices, some_triangles in _surface(cells, stored, spool, source, progress):
                 vertices.write(some_vertices.tobytes())
                 triangles.write(some_triangles.tobytes())
             MESH_FORMATS[suffix](vertices, triangles, file)
-    watched(1.0)
+    progress(1.0)
 
 
 def _write_ply(vertices: BinaryIO, triangles: BinaryIO, file: BinaryIO) -> None:
@@ -139,13 +138,8 @@ def _rows(file: BinaryIO, kind: np.dtype[np.generic]) -> Iterator[NDArray[np.flo
         yield np.frombuffer(data, kind).reshape(-1, 3)
 
 
-def _keys(chunks: NDArray[np.int32]) -> NDArray[np.int64]:
-    x, y, z = np.moveaxis(chunks.astype(np.int64), -1, 0)
-    return np.asarray(chunk_key.py_func(x, y, z))
-
-
 def _index(chunks: NDArray[np.int32]) -> _Index:
-    keys = _keys(chunks)
+    keys = keys_of(chunks)
     order = np.argsort(keys)
     return _Index(keys[order], order)
 
@@ -155,7 +149,7 @@ def _spooled(source: MapSource, spool: Spool, progress: Progress) -> NDArray[np.
     chunks = [np.zeros((0, 3), np.int32)]
     for piece in source.pieces():
         known = np.any(piece.values != NOTHING, axis=1)
-        values = writable(piece.values[known])
+        values = plain(piece.values[known], np.int16)
         spool.append(values.view(np.uint8).ravel(), _CHUNK_BYTES * np.arange(1, len(values) + 1))
         chunks.append(piece.chunks[known])
         progress(0.0)
@@ -167,7 +161,7 @@ def _marked(chunks: NDArray[np.int32], stored: _Index, spool: Spool, threshold: 
     # Cells that begin in a chunk of which nothing is known may end in one that is.
     everything = np.unique((chunks[:, np.newaxis] + _AROUND[(_AROUND <= 0).all(axis=1)]).reshape(-1, 3), axis=0)
     # Blocks of 4 x 4 x 4 chunks together: so neighbours are read once for many.
-    everything = everything[np.argsort(_keys(everything >> 2), kind="stable")]
+    everything = everything[np.argsort(keys_of(everything >> 2), kind="stable")]
     kept, bits, counts = [everything[:0]], [np.zeros((0, WORDS), np.uint64)], [np.zeros(0, np.int64)]
     for first in range(0, len(everything), _CHUNKS):
         some = everything[first : first + _CHUNKS]
@@ -193,19 +187,10 @@ def _surface(
         some = cells.chunks[first : first + _CHUNKS]
         values, rows = _with_neighbours(some, stored, spool)
         before = some[:, np.newaxis] + _AROUND[(_AROUND <= 0).all(axis=1)]
-        owners = index.find(_keys(before)).astype(np.int32)
+        owners = index.find(keys_of(before)).astype(np.int32)
         n_vertices, n_triangles = make_surface(
-            values,
-            rows,
-            some,
-            source.threshold,
-            source.voxel_m,
-            SHIFT,
-            owners,
-            cells.bits,
-            cells.first,
-            vertices,
-            triangles,
+            *(values, rows, some, source.threshold, source.voxel_m, SHIFT),
+            *(owners, cells.bits, cells.first, vertices, triangles),
         )
         yield vertices[:n_vertices], triangles[:n_triangles]
         progress(_MARKED_SHARE + (1.0 - _MARKED_SHARE) * first / len(cells.chunks))
@@ -215,7 +200,7 @@ def _with_neighbours(
     some: NDArray[np.int32], stored: _Index, spool: Spool
 ) -> tuple[NDArray[np.int16], NDArray[np.int32]]:
     """The values (n, 4096) of chunks and all around them, and the (m, 27) rows there, as `gather` takes them."""
-    numbers = stored.find(_keys(some[:, np.newaxis] + _AROUND))
+    numbers = stored.find(keys_of(some[:, np.newaxis] + _AROUND))
     needed, rows = np.unique(numbers, return_inverse=True)
     values = np.full((len(needed), VOLUME), NOTHING)
     for row, number in enumerate(needed.tolist()):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled, compiled_unchecked
-from companion.mapping.voxels.chunks import EDGE, NOTHING, VOLUME, place_of
+from companion.mapping.voxels.chunks import EDGE, NOTHING, PLACES, VOLUME, bits_in
 from companion.model import FloatArray
 
 SIDE = EDGE + 2
@@ -27,17 +27,6 @@ WORDS = VOLUME // 64
 
 _MARGIN = 0.02
 """Vertices keep this share of a cell's edge from its sides, so that those of two cells are never one."""
-
-
-def _places() -> NDArray[np.int16]:
-    places = np.empty((EDGE, EDGE, EDGE), np.int16)
-    for x, y, z in np.ndindex(places.shape):
-        places[x, y, z] = place_of.py_func(x, y, z)
-    return places
-
-
-_PLACES = _places()
-"""(16, 16, 16) the place in its chunk of the voxel with these coordinates there."""
 
 
 @compiled
@@ -57,7 +46,7 @@ def gather(stored: NDArray[np.int16], rows: NDArray[np.int32], values: NDArray[n
                 if row < 0:
                     values[x, y, z] = NOTHING
                 else:
-                    values[x, y, z] = stored[row, _PLACES[(x - 1) % EDGE, (y - 1) % EDGE, (z - 1) % EDGE]]
+                    values[x, y, z] = stored[row, PLACES[(x - 1) % EDGE, (y - 1) % EDGE, (z - 1) % EDGE]]
 
 
 @compiled
@@ -131,15 +120,6 @@ def mark_cells(
 
 
 @compiled
-def _ones(word: np.uint64) -> int:
-    """How many bits are set."""
-    word = word - (word >> np.uint64(1) & np.uint64(0x5555555555555555))
-    word = (word & np.uint64(0x3333333333333333)) + (word >> np.uint64(2) & np.uint64(0x3333333333333333))
-    word = (word + (word >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
-    return int(word * np.uint64(0x0101010101010101) >> np.uint64(56))
-
-
-@compiled
 def _number_of(
     cell: tuple[int, int, int], owners: NDArray[np.int32], bits: NDArray[np.uint64], first: NDArray[np.int64]
 ) -> int:
@@ -149,9 +129,9 @@ def _number_of(
     at = EDGE * EDGE * (x % EDGE) + EDGE * (y % EDGE) + z % EDGE
     number = first[owner]
     for word in range(at >> 6):
-        number += _ones(bits[owner, word])
+        number += bits_in(bits[owner, word])
     below = (np.uint64(1) << np.uint64(at & 63)) - np.uint64(1)
-    return int(number + _ones(bits[owner, at >> 6] & below))
+    return int(number + bits_in(bits[owner, at >> 6] & below))
 
 
 @compiled

@@ -11,7 +11,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mapping.files.export import MapFileError, Progress, silent
+from companion.mapping.files.export import MapFileError
 from companion.mapping.files.octree import BINARY_NAME, CHUNK_LEVEL, CHUNK_OFFSET, FULL_NAME, THRESHOLD_NOTE
 from companion.mapping.files.octree_walk import (
     MOST_WAITING,
@@ -28,7 +28,7 @@ from companion.mapping.files.octree_walk import (
     walk,
 )
 from companion.mapping.voxels.chunks import NOTHING, VOLUME
-from companion.mapping.voxels.piece import MOST_CHUNKS, MapPiece
+from companion.mapping.voxels.piece import MOST_CHUNKS, MapPiece, Progress, silent
 
 _MOST_HEADER_BYTES = 65536
 _MOST_LINE_BYTES = 4096

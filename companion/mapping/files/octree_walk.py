@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled
-from companion.mapping.files.octree import CHUNK_LEVEL, LEVELS
-from companion.mapping.files.octree_nodes import BINARY_NODE_BYTES, FULL_NODE_BYTES
+from companion.mapping.files.octree import BINARY_NODE_BYTES, CHUNK_LEVEL, FULL_NODE_BYTES, LEVELS
 from companion.mapping.voxels.chunks import VOLUME
 
 SOUND, TOO_DEEP, NOT_FINITE, NO_CHILDREN = 0, 1, 2, 3

@@ -16,18 +16,20 @@ from companion.mapping.frontiers.flood_work import (
     RANK_OF_SIDES,
     Work,
     entered_from_mm,
+    flown_around,
+    flown_at,
     is_before,
     is_taken,
     touch,
     wait,
 )
-from companion.mapping.frontiers.flown import flown_around, flown_at
 from companion.mapping.frontiers.plan import (
     CELLS,
     FLOWN,
     KEPT,
     NONE,
     SIDES,
+    cell_of,
     first_sheet,
     is_node,
     kind_of,
@@ -41,12 +43,7 @@ from companion.mapping.voxels.lookup import FREE, UNKNOWN
 
 @compiled
 def follow_map(work: Work, cells: NDArray[np.int64]) -> None:
-    """Bring the plan up to date where the map has changed.
-
-    Args:
-        work: the plan and all that belongs to it.
-        cells: (n, 2) on which some voxel is different.
-    """
+    """Bring the plan up to date on ``cells`` (n, 2), on which some voxel is different."""
     for n in range(cells.shape[0]):
         _measure_again(work, cells[n, 0], cells[n, 1])
     _settle(work)
@@ -54,11 +51,7 @@ def follow_map(work: Work, cells: NDArray[np.int64]) -> None:
 
 @compiled
 def add_flown(work: Work, places: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Have the flood begin at places where the vehicle was too.
-
-    Args:
-        work: the plan and all that belongs to it.
-        places: (n, 3) cells and heights in mm, in the order of time.
+    """Have the flood begin too at ``places`` (n, 3) where the vehicle was: cells and heights in mm, in order of time.
 
     Returns:
         (n,) the new nodes; -1 where the vehicle was before on the same level, or there is no room.
@@ -225,8 +218,7 @@ def _remove(work: Work, node: Integer) -> None:
         at = waiting[count]
         if not is_node(plan, at):
             continue
-        sheet, place = at // CELLS, at % CELLS
-        i, j = plan.corners[sheet, 0] + (place >> 4), plan.corners[sheet, 1] + (place & 15)
+        i, j = cell_of(plan, at)
         steps, rank, from_mm = np.int64(plan.steps[at]), np.int64(plan.ranks[at]), entered_from_mm(plan, at)
         height_mm = np.int64(plan.heights_mm[at])
         flown = bool(plan.flags[at] & FLOWN)
@@ -264,8 +256,7 @@ def _remove(work: Work, node: Integer) -> None:
                         count += 1
                 other = int(plan.others[other])
     for n in range(gone):
-        sheet, place = removed[n] // CELLS, removed[n] % CELLS
-        _ask_again(work, plan.corners[sheet, 0] + (place >> 4), plan.corners[sheet, 1] + (place & 15))
+        _ask_again(work, *cell_of(plan, removed[n]))
 
 
 @inner

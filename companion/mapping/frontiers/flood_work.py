@@ -4,8 +4,9 @@ A cell waits with the number of steps at which something may enter it, so that t
 
 Of two nodes on a cell the one comes first that the flood would have reached first. A node knows how it was entered:
 with how many steps, with which rank and from which height. Of the same number of steps the lower rank wins. A place
-flown has rank 0; what must be free because it is near to one has the place, from 1, of its cell in the circle around
-it; what lies beside a free node has `RANK_OF_SIDES` and the number of the side.
+flown has rank 0: there it is free, and there the flood begins. What must be free because it is near to one has the
+place, from 1, of its cell in the circle around it; what lies beside a free node has `RANK_OF_SIDES` and the number of
+the side.
 """
 
 from __future__ import annotations
@@ -15,16 +16,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.compiled import inner
-from companion.mapping.frontiers.plan import CELLS, Plan, Shape, first_sheet, is_node, on_tile
+from companion.compiled import compiled, inner
+from companion.mapping.frontiers.plan import CELLS, FLOWN, Plan, Shape, first_sheet, is_node, on_tile
 from companion.mapping.frontiers.state_grid import Grid
-from companion.mapping.voxels.chunks import Integer
+from companion.mapping.voxels.chunks import Integer, chunk_key, row_of_key
 
 MOST_STEPS = 60_000
 """A flood ends so many cells from where the vehicle was."""
 
 MOST_TASKS = 2**20
 """Cells that may wait at once to be looked at."""
+
+RANK_OF_SIDES = 60_000
+"""Who was so near that it must be free comes before who is beside a free node."""
+
+WIDEST = 15
+"""Cells around a place flown that may be free because of it: they lie on its tile or on the next one."""
 
 
 class Tasks(NamedTuple):
@@ -105,10 +112,6 @@ def wait(tasks: Tasks, steps: Integer, i: Integer, j: Integer) -> None:
     tasks.state[2] = max(tasks.state[2], steps)
 
 
-RANK_OF_SIDES = 60_000
-"""Who was so near that it must be free comes before who is beside a free node."""
-
-
 @inner
 def entered_from_mm(plan: Plan, node: Integer) -> int:
     """The height of the node from which one was entered."""
@@ -140,3 +143,57 @@ def is_taken(plan: Plan, s: Shape, i: Integer, j: Integer, steps: Integer, rank:
             return True
         sheet = int(plan.others[sheet])
     return False
+
+
+@inner
+def flown_around(
+    plan: Plan, circle: NDArray[np.int64], i: Integer, j: Integer, near: NDArray[np.int64], most: Integer
+) -> int:
+    """Find nodes in the circle around cell (i, j) where the vehicle was, in the order of their ranks.
+
+    One loop over the arrays themselves: a call for each cell of the circle would take ten times as long.
+
+    Returns:
+        How many there are, ``most`` at the most: nodes and ranks are in ``near`` (n + 9, 2), whose last nine are room.
+    """
+    steps, others, keys, firsts = plan.steps, plan.others, plan.keys, plan.firsts
+    blocks = near[near.shape[0] - 9 :, 0]
+    for n in range(9):
+        blocks[n] = row_of_key(keys, firsts, chunk_key((i >> 4) + n // 3 - 1, (j >> 4) + n % 3 - 1, 0))
+    count = 0
+    for n in range(circle.shape[0]):
+        a, b = i - circle[n, 0], j - circle[n, 1]
+        sheet = blocks[3 * ((a >> 4) - (i >> 4) + 1) + (b >> 4) - (j >> 4) + 1]
+        place = (a & 15) << 4 | (b & 15)
+        while sheet >= 0:
+            if steps[sheet * CELLS + place] == 1:
+                near[count, 0], near[count, 1] = sheet * CELLS + place, n + 1
+                count += 1
+                if count == most:
+                    return count
+            sheet = np.int64(others[sheet])
+    return count
+
+
+@inner
+def _flown_on(plan: Plan, i: Integer, j: Integer, after: Integer) -> int:
+    """The next node on cell (i, j) where the vehicle was, in the order of their sheets, or -1."""
+    sheet = first_sheet(plan, i, j)
+    place = on_tile(i, j)
+    passed = after < 0
+    while sheet >= 0:
+        node = sheet * CELLS + place
+        if passed and is_node(plan, node) and plan.flags[node] & FLOWN:
+            return node
+        passed = passed or node == after
+        sheet = int(plan.others[sheet])
+    return -1
+
+
+@compiled
+def flown_at(plan: Plan, i: Integer, j: Integer, height_mm: Integer, level_mm: Integer) -> int:
+    """The node on cell (i, j) where the vehicle was at about this height, or -1."""
+    node = _flown_on(plan, i, j, -1)
+    while node >= 0 and abs(plan.heights_mm[node] - height_mm) >= level_mm:
+        node = _flown_on(plan, i, j, node)
+    return node

@@ -20,6 +20,7 @@ from companion.mapping.frontiers.plan import (
     MARKED,
     Plan,
     Shape,
+    cell_of,
     first_sheet,
     is_node,
     kind_of,
@@ -45,13 +46,9 @@ def mark_frontiers(
 ) -> None:
     """Mark the unknown nodes that can be seen through free ones from where the vehicle can be.
 
-    Args:
-        plan: gets the marks.
-        s: its numbers.
-        tiles: (MOST_SHEETS,) for which tiles, by their first sheets.
-        was: from `count_reached`.
-        look_cells: so far a look says something.
-        counts: (MOST_SHEETS, COUNTS), `FRONTIER_CELLS` is filled in: cells of a frontier, seen or not.
+    It is done for ``tiles`` (MOST_SHEETS,), by their first sheets; ``was`` is from `count_reached`, and ``look_cells``
+    is how far a look says something. In ``counts`` (MOST_SHEETS, COUNTS) `FRONTIER_CELLS` is filled in: cells of a
+    frontier, seen or not.
     """
     for first in range(plan.used[0]):
         if not tiles[first]:
@@ -70,8 +67,7 @@ def mark_frontiers(
 
 @inner
 def _is_seen(plan: Plan, s: Shape, node: Integer, was: NDArray[np.uint64], look_cells: int) -> bool:
-    sheet, place = node // CELLS, node % CELLS
-    i0, j0 = plan.corners[sheet, 0] + (place >> 4), plan.corners[sheet, 1] + (place & 15)
+    i0, j0 = cell_of(plan, node)
     for bearing in range(_BEARINGS):
         angle_rad = 2.0 * math.pi * bearing / _BEARINGS
         dx, dy = math.cos(angle_rad), math.sin(angle_rad)
@@ -121,8 +117,7 @@ def clusters(
                     cells[end, 0], cells[end, 1] = node, group
                     _about(plan, s, was, away_m, node, about[end])
                     end += 1
-                    on, place = node // CELLS, node % CELLS
-                    i, j = plan.corners[on, 0] + (place >> 4), plan.corners[on, 1] + (place & 15)
+                    i, j = cell_of(plan, node)
                     for a in range(-_JOIN_CELLS, _JOIN_CELLS + 1):
                         for b in range(-_JOIN_CELLS, _JOIN_CELLS + 1):
                             other = first_sheet(plan, i + a, j + b)
@@ -156,8 +151,7 @@ def _is_open(plan: Plan, node: Integer) -> bool:
 def _about(plan: Plan, s: Shape, was: NDArray[np.uint64], away_m: FloatArray, node: Integer, about: FloatArray) -> None:
     about[0] = about[1] = about[2] = 0.0
     about[3] = np.inf
-    sheet, place = node // CELLS, node % CELLS
-    i, j = plan.corners[sheet, 0] + (place >> 4), plan.corners[sheet, 1] + (place & 15)
+    i, j = cell_of(plan, node)
     for a in range(-_JOIN_CELLS, _JOIN_CELLS + 1):
         for b in range(-_JOIN_CELLS, _JOIN_CELLS + 1):
             other = nearest_node(plan, i + a, j + b, np.int64(plan.heights_mm[node]), s.level_mm)
@@ -174,38 +168,26 @@ def frontiers_of(
 ) -> list[Frontier]:
     """Those that are long enough: those that count first, near ones before far ones.
 
-    Args:
-        plan: the plan.
-        edge_m: edge of a cell.
-        cells: (n, 2) from `clusters`.
-        about: (n, 4) from `clusters`.
-        here_m: where the vehicle is.
+    ``cells`` (n, 2) and ``about`` (n, 4) are from `clusters`; a cell has the edge ``edge_m``, and the vehicle is at
+    ``here_m``.
     """
     nodes, groups = cells[:, 0], cells[:, 1]
-    ends = np.flatnonzero(np.diff(groups, append=-1)) + 1
     made = []
-    first = 0
-    for end in ends.tolist():
-        part = slice(first, end)
-        first = end
-        length_m = (part.stop - part.start) * edge_m
+    for part in np.split(np.arange(len(nodes)), np.flatnonzero(np.diff(groups)) + 1):
+        its = nodes[part]
+        length_m = len(its) * edge_m
         if length_m < LEAST_FRONTIER_M - 1e-9:
             continue
-        its = nodes[part]
         place = its % CELLS
         x_m = (plan.corners[its // CELLS, 0] + (place >> 4) + 0.5) * edge_m
         y_m = (plan.corners[its // CELLS, 1] + (place & 15) + 0.5) * edge_m
         to_free = about[part, :2].sum(axis=0)
-        reachable = bool(about[part, 2].any())
+        reachable, in_sight = bool(about[part, 2].any()), bool(plan.flags[its[0]] & FRONTIER)
         middle = float(x_m.mean()), float(y_m.mean()), float(plan.heights_mm[its].mean()) / 1000.0
         path_m = float(about[part, 3].min())
         made.append(
             Frontier(
-                access=Access.REACHABLE
-                if reachable
-                else Access.IN_SIGHT
-                if plan.flags[its[0]] & FRONTIER
-                else Access.TOO_NARROW,
+                access=Access.REACHABLE if reachable else Access.IN_SIGHT if in_sight else Access.TOO_NARROW,
                 length_m=length_m,
                 x_m=middle[0],
                 y_m=middle[1],

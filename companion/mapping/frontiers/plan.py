@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from companion.compiled import inner
 from companion.mapping.frontiers.frontier import Reach
-from companion.mapping.frontiers.state_grid import Grid, brick_words, has, row_of, slot_of
-from companion.mapping.voxels.chunks import MASK, SHIFT, Integer, chunk_key, place_of
+from companion.mapping.frontiers.state_grid import Grid, brick_words, has, row_of
+from companion.mapping.voxels.chunks import MASK, SHIFT, Integer, chunk_key, place_of, row_of_key, slot_of
 from companion.mapping.voxels.lookup import FREE, OCCUPIED, UNKNOWN
 
 CELL_M = 0.1
@@ -179,15 +179,20 @@ def kind_of(plan: Plan, node: Integer) -> int:
 @inner
 def first_sheet(plan: Plan, i: Integer, j: Integer) -> int:
     """The first sheet of the tile of cell (i, j), or -1."""
-    key = chunk_key(i >> 4, j >> 4, 0)
-    slot = slot_of(plan.keys, key)
-    return int(plan.firsts[slot]) if plan.keys[slot] == key else -1
+    return row_of_key(plan.keys, plan.firsts, chunk_key(i >> 4, j >> 4, 0))
 
 
 @inner
 def on_tile(i: Integer, j: Integer) -> int:
     """The number of cell (i, j) on its tile."""
     return int((i & 15) << 4 | (j & 15))
+
+
+@inner
+def cell_of(plan: Plan, node: Integer) -> tuple[Integer, Integer]:
+    """The cell (i, j) that a node is on."""
+    sheet, place = node // CELLS, node % CELLS
+    return plan.corners[sheet, 0] + (place >> 4), plan.corners[sheet, 1] + (place & 15)
 
 
 @inner

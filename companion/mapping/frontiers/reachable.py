@@ -142,14 +142,10 @@ def reached_parts(
 def count_reached(
     plan: Plan, found: NDArray[np.bool_], was: NDArray[np.uint64], tiles: NDArray[np.bool_], counts: NDArray[np.int32]
 ) -> None:
-    """Count the cells that can be got to.
+    """Fill in `REACHED_CELLS` of ``counts`` (MOST_SHEETS, COUNTS), the cells that can be got to, where it is different.
 
-    Args:
-        plan: the plan.
-        found: from `reached_parts`.
-        was: (MOST_SHEETS, 4) the same as bits, from the last time; is brought up to date.
-        tiles: (MOST_SHEETS,) tiles that are different, by their first sheets; where ``found`` is different is added.
-        counts: (MOST_SHEETS, COUNTS), `REACHED_CELLS` is filled in for these.
+    ``found`` is from `reached_parts`; ``was`` (MOST_SHEETS, 4) is the same as bits, from the last time, and is brought
+    up to date. To the ``tiles`` (MOST_SHEETS,) that are different, by their first sheets, come those where it is.
     """
     used = plan.used[0]
     for first in range(used):

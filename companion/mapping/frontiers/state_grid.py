@@ -13,15 +13,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled, inner
-from companion.mapping.voxels.chunks import CHUNK_LIMIT, EDGE, MASK, SHIFT, Integer, chunk_key, place_of
+from companion.mapping.voxels.chunks import (
+    CHUNK_LIMIT,
+    EDGE,
+    EMPTY,
+    MASK,
+    SHIFT,
+    Integer,
+    bits_in,
+    chunk_key,
+    place_of,
+    slot_of,
+)
 from companion.mapping.voxels.lookup import FREE, OCCUPIED, UNKNOWN, states_of
-from companion.mapping.voxels.piece import MapPiece, MapSource
-from companion.mapping.voxels.snapshot import MapSnapshot
+from companion.mapping.voxels.piece import MapPiece, MapSnapshot, MapSource
 from companion.model import FloatArray
 
 _ZERO, _ONE = np.uint64(0), np.uint64(1)
 _ALL = np.uint64(2**64 - 1)
-_EMPTY = -1
 _FIRST_ROWS, _FIRST_BRICKS = 256, 4096
 
 _STEP = 4
@@ -56,46 +65,10 @@ class Grid(NamedTuple):
     used: NDArray[np.int64]
 
 
-def _popcount_constants() -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
-    return (
-        np.uint64(0x5555555555555555),
-        np.uint64(0x3333333333333333),
-        np.uint64(0x0F0F0F0F0F0F0F0F),
-        np.uint64(0x0101010101010101),
-    )
-
-
-_FIVES, _THREES, _FIFTEENS, _BYTES = _popcount_constants()
-_U2, _U4, _U56 = np.uint64(2), np.uint64(4), np.uint64(56)
-_SPREAD = np.int64(-7046029254386353131)
-"""2^64 divided by the golden ratio, as int64: spreads neighbouring keys over the hash table."""
-
-
-@inner
-def bits_in(word: np.uint64) -> int:
-    """How many bits of ``word`` are set."""
-    word = word - ((word >> _ONE) & _FIVES)
-    word = (word & _THREES) + ((word >> _U2) & _THREES)
-    word = (word + (word >> _U4)) & _FIFTEENS
-    return np.int64((word * _BYTES) >> _U56)  # type: ignore[return-value]
-
-
 @inner
 def has(word: np.uint64, bit: Integer) -> bool:
     """Whether a bit of ``word`` is set."""
     return bool((word >> np.uint64(bit)) & _ONE)
-
-
-@inner
-def slot_of(keys: NDArray[np.int64], key: Integer) -> int:
-    """Where ``key`` is in a hash table, or the empty place where it belongs."""
-    mask = keys.shape[0] - 1
-    mixed = key * _SPREAD
-    mixed = (mixed ^ (mixed >> 32)) * _SPREAD
-    slot = int((mixed ^ (mixed >> 32)) & mask)
-    while keys[slot] != key and keys[slot] != _EMPTY:
-        slot = (slot + 1) & mask
-    return slot
 
 
 @inner
@@ -124,10 +97,7 @@ def brick_words(grid: Grid, row: int, brick: Integer) -> tuple[np.uint64, np.uin
     if has(mixed, brick):
         at = grid.first[row] + bits_in(mixed & ((_ONE << np.uint64(brick)) - _ONE))
         return grid.bricks[at, 0], grid.bricks[at, 1]
-    return (
-        _ALL if has(grid.occupied[row], brick) else _ZERO,
-        _ALL if has(grid.free[row], brick) else _ZERO,
-    )
+    return (_ALL if has(grid.occupied[row], brick) else _ZERO, _ALL if has(grid.free[row], brick) else _ZERO)
 
 
 @inner
@@ -155,7 +125,7 @@ def _index(
     keys: NDArray[np.int64], rows: NDArray[np.int32], old: NDArray[np.int64], old_rows: NDArray[np.int32]
 ) -> None:
     for n in range(old.shape[0]):
-        if old[n] != _EMPTY:
+        if old[n] != EMPTY:
             slot = slot_of(keys, old[n])
             keys[slot], rows[slot] = old[n], old_rows[n]
 
@@ -249,14 +219,14 @@ class StateGrid:
             raise ValueError(f"voxel_m is {voxel_m}, it has to be a length above 0")
         self.voxel_m = voxel_m
         self.grid = Grid(
-            keys=np.full(4 * _FIRST_ROWS, _EMPTY, np.int64),
+            keys=np.full(4 * _FIRST_ROWS, EMPTY, np.int64),
             rows=np.zeros(4 * _FIRST_ROWS, np.int32),
             occupied=np.empty(_FIRST_ROWS, np.uint64),
             free=np.empty(_FIRST_ROWS, np.uint64),
             unknown=np.empty(_FIRST_ROWS, np.uint64),
             first=np.empty(_FIRST_ROWS, np.int32),
             bricks=np.empty((_FIRST_BRICKS, 2), np.uint64),
-            gaps=np.full(_CLASSES, _EMPTY, np.int32),
+            gaps=np.full(_CLASSES, EMPTY, np.int32),
             used=np.zeros(3, np.int64),
         )
 
@@ -345,7 +315,7 @@ class StateGrid:
         rows, bricks, _ = (int(count) for count in grid.used)
         if rows == len(grid.occupied):
             more = 2 * rows
-            keys, numbers = np.full(4 * more, _EMPTY, np.int64), np.zeros(4 * more, np.int32)
+            keys, numbers = np.full(4 * more, EMPTY, np.int64), np.zeros(4 * more, np.int32)
             _index(keys, numbers, grid.keys, grid.rows)
             grid = grid._replace(
                 keys=keys,

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.mapping.frontiers.flood import add_flown, follow_map, remove_flown
-from companion.mapping.frontiers.flood_work import Work, no_tasks
-from companion.mapping.frontiers.flown import WIDEST, flown_at
+from companion.mapping.frontiers.flood_work import WIDEST, Work, flown_at, no_tasks
 from companion.mapping.frontiers.frontier import MOST_FRONTIERS, Access, Reach, Survey
 from companion.mapping.frontiers.frontier_cells import clusters, frontiers_of, mark_frontiers
 from companion.mapping.frontiers.plan import MOST_SHEETS, TILE, cells_within, empty_plan, shape_of
@@ -33,8 +32,7 @@ from companion.mapping.frontiers.tiles import (
 )
 from companion.mapping.frontiers.walls import make_room_around, mark_near, probe
 from companion.mapping.voxels.chunks import CHUNK_LIMIT, EDGE
-from companion.mapping.voxels.piece import MapPiece
-from companion.mapping.voxels.snapshot import MapSnapshot
+from companion.mapping.voxels.piece import MapPiece, MapSnapshot
 from companion.model import FloatArray
 
 MOST_PLACES = 500_000
@@ -208,15 +206,9 @@ class Surveyor:
         tiles = tiles_around(plan, tiles, rim)
         mark_near(plan, shape, tiles, max(blocked_cells, 0.0), self._wall_cells)
         part_sheets(plan, shape, tiles)
-        away_m = np.empty(int(plan.used[0]))
-        found = reached_parts(
-            plan,
-            shape,
-            np.array([here] if here >= 0 else [], np.int64),
-            self._flown[: self._flown_count],
-            away_m,
-            TILE * self._cell_m,
-        )
+        away_m, start = np.empty(int(plan.used[0])), np.array([here] if here >= 0 else [], np.int64)
+        flown = self._flown[: self._flown_count]
+        found = reached_parts(plan, shape, start, flown, away_m, TILE * self._cell_m)
         count_reached(plan, found, self._reached, tiles, counts)
         tiles = tiles_around(plan, tiles, look_cells // TILE + 1)
         mark_frontiers(plan, shape, tiles, self._reached, look_cells, counts)

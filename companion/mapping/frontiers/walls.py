@@ -17,6 +17,7 @@ from companion.mapping.frontiers.plan import (
     TILE,
     Plan,
     Shape,
+    cell_of,
     first_sheet,
     is_node,
     kind_of,
@@ -35,11 +36,10 @@ def make_room_around(plan: Plan, touched: NDArray[np.bool_], rim: int) -> None:
     for first in range(plan.used[0]):
         sheet = int(first if touched[first] else -1)
         while sheet >= 0:
-            for place in range(CELLS):
-                node = sheet * CELLS + place
+            for node in range(sheet * CELLS, (sheet + 1) * CELLS):
                 if not (is_node(plan, node) and kind_of(plan, node) == UNKNOWN):
                     continue
-                i, j = plan.corners[sheet, 0] + (place >> 4), plan.corners[sheet, 1] + (place & 15)
+                i, j = cell_of(plan, node)
                 for a in (-rim, rim):
                     for b in (-rim, rim):
                         if first_sheet(plan, i + a, j + b) < 0:
@@ -51,15 +51,10 @@ def make_room_around(plan: Plan, touched: NDArray[np.bool_], rim: int) -> None:
 def probe(
     grid: Grid, plan: Plan, s: Shape, tiles: NDArray[np.bool_], circle: NDArray[np.int64], unknown: NDArray[np.int32]
 ) -> None:
-    """Look behind unknown cells for the wall to which they may belong.
+    """Look behind unknown cells for the wall to which they may belong: the plan gets it where it has no node.
 
-    Args:
-        grid: the map.
-        plan: gets an obstacle where there is one and no node.
-        s: its numbers.
-        tiles: (MOST_SHEETS,) for which tiles, by their first sheets.
-        circle: (n, 2) the cells around one, near ones first.
-        unknown: (MOST_SHEETS,) how many nodes of each tile are unknown.
+    It is done for ``tiles`` (MOST_SHEETS,), by their first sheets, of which ``unknown`` (MOST_SHEETS,) says how many
+    nodes are unknown; ``circle`` (n, 2) is the cells around one, near ones first.
     """
     used = plan.used[0]
     for first in range(used):
@@ -110,14 +105,9 @@ def _probe_cell(grid: Grid, plan: Plan, s: Shape, i: Integer, j: Integer, from_m
 
 @compiled
 def mark_near(plan: Plan, s: Shape, tiles: NDArray[np.bool_], blocked_cells: float, wall_cells: float) -> None:
-    """Mark the nodes near obstacles: `BLOCKED` and `AT_WALL`.
+    """Mark the nodes nearer to an obstacle than ``blocked_cells``: `BLOCKED`, and than ``wall_cells``: `AT_WALL`.
 
-    Args:
-        plan: the plan.
-        s: its numbers.
-        tiles: (MOST_SHEETS,) for which tiles, by their first sheets.
-        blocked_cells: what is nearer than this to an obstacle is blocked.
-        wall_cells: and what is nearer than this is at a wall.
+    It is done for ``tiles`` (MOST_SHEETS,), by their first sheets.
     """
     rim = math.ceil(max(blocked_cells, wall_cells))
     ring = (rim + TILE - 1) // TILE

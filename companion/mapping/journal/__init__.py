@@ -8,7 +8,7 @@ a reader's view of the moment when it was opened. A journal that is damaged give
 from __future__ import annotations
 
 from companion.mapping.journal.header import Header, JournalError
-from companion.mapping.journal.log import Loss
+from companion.mapping.journal.segment import Loss
 from companion.mapping.journal.store import Journal
 
 JOURNAL_SUFFIX = ".journal"

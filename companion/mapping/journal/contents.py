@@ -1,4 +1,4 @@
-"""Where the newest record of each chunk is."""
+"""Where the newest record of each chunk is, in a compact table: a few whole numbers for each, found by its key."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled
-from companion.mapping.journal.rows import ChunkRows
 from companion.mapping.journal.segment import Segment
+from companion.mapping.voxels.chunks import EMPTY, row_of_key, slot_of
+
+_FIRST_ROWS = 256
 
 _PLACE, _SIZE = 0, 1
 _OFFSET_BITS = 32
@@ -18,6 +20,84 @@ _WASTE = 1.75
 
 _WORTH_COPYING = 0.75
 """A file of which a larger share is needed is left alone."""
+
+
+class ChunkRows:
+    """Numbers for each chunk of a map. Chunks are only ever added.
+
+    Args:
+        columns: how many numbers each chunk has; they are 0 at first.
+    """
+
+    def __init__(self, columns: int) -> None:
+        self._size = 0
+        self._keys = np.zeros(_FIRST_ROWS, np.int64)
+        self._columns = np.zeros((columns, _FIRST_ROWS), np.int64)
+        self._hash_again()
+
+    def __len__(self) -> int:
+        """How many chunks there are."""
+        return self._size
+
+    @property
+    def keys(self) -> NDArray[np.int64]:
+        """(n,) key of each row."""
+        return self._keys[: self._size]
+
+    @property
+    def memory_bytes(self) -> int:
+        """Size of the arrays."""
+        return self._keys.nbytes + self._columns.nbytes + self._hash_keys.nbytes + self._hash_rows.nbytes
+
+    def column(self, number: int) -> NDArray[np.int64]:
+        """(n,) one number of each row; writing to it changes the table. Valid until something is added."""
+        return self._columns[number, : self._size]
+
+    def find(self, keys: NDArray[np.int64]) -> NDArray[np.int64]:
+        """(n,) row of each key, -1 where there is none."""
+        return np.asarray(_find(self._hash_keys, self._hash_rows, keys))
+
+    def add(self, keys: NDArray[np.int64]) -> NDArray[np.int64]:
+        """(n,) row of each key, which is made where there is none."""
+        while self._size + len(keys) > len(self._keys):
+            self._keys = np.concatenate([self._keys, np.zeros_like(self._keys)])
+            self._columns = np.concatenate([self._columns, np.zeros_like(self._columns)], axis=1)
+            self._hash_again()
+        rows, self._size = _add(self._hash_keys, self._hash_rows, self._keys, self._size, keys)
+        return np.asarray(rows)
+
+    def _hash_again(self) -> None:
+        self._hash_keys = np.full(2 * len(self._keys), EMPTY, np.int64)
+        self._hash_rows = np.zeros(2 * len(self._keys), np.int32)
+        _add(self._hash_keys, self._hash_rows, self._keys, 0, self._keys[: self._size].copy())
+
+
+@compiled
+def _find(hash_keys: NDArray[np.int64], hash_rows: NDArray[np.int32], keys: NDArray[np.int64]) -> NDArray[np.int64]:
+    rows = np.empty(keys.shape[0], np.int64)
+    for n in range(keys.shape[0]):
+        rows[n] = row_of_key(hash_keys, hash_rows, keys[n])
+    return rows
+
+
+@compiled
+def _add(
+    hash_keys: NDArray[np.int64],
+    hash_rows: NDArray[np.int32],
+    row_keys: NDArray[np.int64],
+    size: int,
+    keys: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], int]:
+    rows = np.empty(keys.shape[0], np.int64)
+    for n in range(keys.shape[0]):
+        slot = slot_of(hash_keys, keys[n])
+        if hash_keys[slot] == EMPTY:
+            hash_keys[slot] = keys[n]
+            hash_rows[slot] = size
+            row_keys[size] = keys[n]
+            size += 1
+        rows[n] = hash_rows[slot]
+    return rows, size
 
 
 class Contents:

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 
 from companion.config.mapping import MapSettings
 from companion.mapping.journal import Header, Journal
-from companion.mapping.journal.rows import ChunkRows, chunks_of, keys_of
-from companion.mapping.voxels.chunks import CHUNK_LIMIT, EDGE, MASK, SHIFT, place_of
+from companion.mapping.journal.contents import ChunkRows
+from companion.mapping.voxels.chunks import CHUNK_LIMIT, EDGE, MASK, SHIFT, chunks_of, keys_of, place_of
 from companion.mapping.voxels.lookup import UNKNOWN, states_of
-from companion.mapping.voxels.piece import MOST_CHUNKS, MapPiece
-from companion.mapping.voxels.snapshot import IntegrationReport, MapSnapshot
+from companion.mapping.voxels.piece import MOST_CHUNKS, IntegrationReport, MapPiece, MapSnapshot
 from companion.mapping.voxels.voxel_map import VoxelMap
 from companion.model import Camera, DepthFrame, PlanarScan, Pose
 

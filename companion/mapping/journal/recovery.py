@@ -1,10 +1,12 @@
-"""Opening what is there: every record of every segment is read, and what a crash left unfinished is cut off."""
+"""Opening what is there: one writer at a time, every record of every segment read, and what a crash left cut off."""
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import os
 import re
-from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,15 +14,40 @@ import numpy as np
 
 from companion.mapping.journal.contents import Contents, place_of_record
 from companion.mapping.journal.header import Header, JournalError, is_unfinished, read_prologue
-from companion.mapping.journal.lock import LOCK_NAME
-from companion.mapping.journal.log import Loss, Record, records
-from companion.mapping.journal.rows import keys_of
-from companion.mapping.journal.segment import SUFFIX, Segment
+from companion.mapping.journal.segment import SUFFIX, Loss, Record, Segment, records
+from companion.mapping.voxels.chunks import keys_of
+from companion.mapping.voxels.piece import Progress, silent
 
-Progress = Callable[[float], None]
+LOCK_NAME = "lock"
 
 _ATTEMPTS = 100
 _SEGMENT_NAME = re.compile(r"[0-9]*[1-9][0-9]*" + re.escape(SUFFIX))
+
+
+def lock(folder: Path) -> int:
+    """Be the only writer of a folder until the returned descriptor is closed, or the process ends however it does.
+
+    Raises:
+        JournalError: another process is.
+        OSError: the file cannot be made or locked.
+    """
+    path = folder / LOCK_NAME
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        owner = os.pread(descriptor, 20, 0).decode("ascii", "replace").strip()
+        os.close(descriptor)
+        if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
+            raise JournalError(
+                f"{folder}: process {owner or '?'} is writing it; end that one, or give another folder"
+            ) from None
+        raise
+    # The number is only for the message above: a full disk must not keep anyone from the map.
+    with suppress(OSError):
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
+    return descriptor
 
 
 @dataclass(slots=True)
@@ -55,7 +82,7 @@ def refuse_foreign(folder: Path) -> None:
         raise JournalError(f"{folder}: no map journal, but it holds {others[0]!r}; give an empty or a new folder")
 
 
-def recover(folder: Path, *, writes: bool, progress: Progress | None = None) -> Found:
+def recover(folder: Path, *, writes: bool, progress: Progress = silent) -> Found:
     """Read all segments of a folder.
 
     Args:
@@ -71,16 +98,14 @@ def recover(folder: Path, *, writes: bool, progress: Progress | None = None) -> 
     opened = _open_all(folder, os.O_RDWR if writes else os.O_RDONLY)
     try:
         for number, segment in enumerate(opened):
-            if progress is not None:
-                progress(number / len(opened))
+            progress(number / len(opened))
             _read_segment(segment, found, writes=writes)
         if found.contents.segments and found.header is None:
             raise JournalError(f"{folder}: no file has a readable header, so nobody knows the size of its voxels")
     except BaseException:
         _close_all(opened)
         raise
-    if progress is not None:
-        progress(1.0)
+    progress(1.0)
     return found
 
 

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -16,13 +15,10 @@ from numpy.typing import NDArray
 from companion.mapping.journal.coding import decode
 from companion.mapping.journal.contents import Contents, place_of_record
 from companion.mapping.journal.header import Header, JournalError, prologue
-from companion.mapping.journal.lock import lock
-from companion.mapping.journal.log import FRONT_BYTES, Loss, packed, record_at
-from companion.mapping.journal.recovery import Progress, recover, refuse_foreign, segment_paths
-from companion.mapping.journal.rows import chunks_of, key_of, keys_of
-from companion.mapping.journal.segment import Segment, sync_folder
-from companion.mapping.voxels.chunks import VOLUME
-from companion.mapping.voxels.piece import MOST_CHUNKS, MapPiece, MapSource
+from companion.mapping.journal.recovery import lock, recover, refuse_foreign, segment_paths
+from companion.mapping.journal.segment import FRONT_BYTES, Loss, Segment, packed, record_at, sync_folder
+from companion.mapping.voxels.chunks import VOLUME, chunk_key, chunks_of, keys_of
+from companion.mapping.voxels.piece import MOST_CHUNKS, MapPiece, MapSource, Progress, silent
 
 SEGMENT_BYTES = 16 << 20
 """A file that has grown to this is followed by another."""
@@ -75,7 +71,7 @@ class Journal:
         folder: Path,
         header: Header | None = None,
         *,
-        progress: Progress | None = None,
+        progress: Progress = silent,
         segment_bytes: int = SEGMENT_BYTES,
     ) -> Self:
         """Make a journal, or continue the one that is there.
@@ -122,7 +118,7 @@ class Journal:
         return journal
 
     @classmethod
-    def read_only(cls, folder: Path, *, progress: Progress | None = None) -> Self:
+    def read_only(cls, folder: Path, *, progress: Progress = silent) -> Self:
         """What a journal holds now. Writes nothing and waits for nobody, though another process may be writing.
 
         Raises:
@@ -139,12 +135,9 @@ class Journal:
         return cls(folder, found.header, found.contents, found.losses, None)
 
     def __enter__(self) -> Self:
-        """Nothing but itself."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close it."""
         self.close()
 
@@ -370,7 +363,7 @@ class Journal:
         segment, offset = self._contents.segment_of(place)
         data = segment.read(offset, size)
         record = record_at(data, 0)
-        if record is not None and record.size_bytes == size and key_of(record.chunk) == key:
+        if record is not None and record.size_bytes == size and chunk_key.py_func(*record.chunk) == key:
             return data
         return None
 

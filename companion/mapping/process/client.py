@@ -13,10 +13,8 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from multiprocessing import get_context
-from multiprocessing.connection import Connection
 from pathlib import Path
-from types import TracebackType
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 
@@ -37,10 +35,9 @@ from companion.mapping.process.messages import (
     OfferedFrame,
     OfferedScan,
     Ready,
+    SlotRing,
     Taken,
-    ToMap,
 )
-from companion.mapping.process.slots import SlotRing
 from companion.mapping.process.supervisor import MapSupervisor
 from companion.model import MOST_RAYS, Camera, DepthFrame, PlanarScan
 
@@ -160,9 +157,7 @@ class MapClient:
         await self._supervisor.begin()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """End the process. What it knows is in the journal then."""
         await self._supervisor.close()
 
@@ -320,18 +315,11 @@ def check_folder(folder: Path | None, resume: bool) -> None:
         raise InputError(f"{folder} holds the map of another flight: resume it (--resume-map) or give another folder")
 
 
-def _serve(
-    pipe: Connection[FromMap, ToMap],
-    rings: Sequence[SlotRing],
-    settings: MapSettings,
-    cameras: Sequence[Camera],
-    reach: Reach,
-    journal: Path | None,
-) -> None:
+def _serve(*arguments: Any) -> None:
     # Loaded there and not here: the application needs nothing of it.
     from companion.mapping.process.server import serve
 
-    serve(pipe, rings, settings, cameras, reach, journal)
+    serve(*arguments)
 
 
 __all__ = ["MapClient", "MapError", "MapStatus", "check_folder"]

@@ -6,13 +6,12 @@ import errno
 import math
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from companion.config.mapping import MapSettings
 from companion.mapping.journal import Header, Journal
 from companion.mapping.journal.paging import PagedMap
-from companion.mapping.voxels.snapshot import IntegrationReport
+from companion.mapping.voxels.piece import IntegrationReport
 from companion.model import DepthFrame, PlanarScan
 
 BYTES_PER_MB = 1_000_000
@@ -52,12 +51,9 @@ class JournaledMap(PagedMap):
         self._next_s = -math.inf
 
     def __enter__(self) -> Self:
-        """Nothing but itself."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
         """Keep everything, unless an error of ours has broken off what was done, and let go of the journal."""
         if error is None:
             self.keep()

@@ -32,11 +32,11 @@ from companion.mapping.process.messages import (
     OfferedScan,
     Preparing,
     Ready,
+    SlotRing,
     Stop,
     Taken,
     ToMap,
 )
-from companion.mapping.process.slots import SlotRing
 from companion.mapping.process.supervisor import MAP_NICENESS, ignore_ctrl_c
 from companion.model import Camera, DepthFrame, PlanarScan, Pose
 

@@ -29,14 +29,8 @@ def judge(
     The block is the cube of ``edge`` voxels whose lowest voxel is (i, j, k) of the box. Its extent along each camera
     axis is exact, its outline in the image is a rectangle around it, and that is widened to whole tiles.
 
-    Args:
-        least_m: as in `ClearDepth`. (A tuple with arrays would cost more than the rest: `chunk_table.store_brick`.)
-        most_m: likewise.
-        p: from voxels to pixels.
-        i: lowest voxel of the block, in the box.
-        j: the same along y.
-        k: the same along z.
-        edge: of the block, in voxels.
+    ``least_m`` and ``most_m`` are those of `ClearDepth`: a tuple with arrays would cost more than the rest, see
+    `chunk_table.store_brick`.
     """
     half = 0.5 * (edge - 1)
     x, y, z = i + half, j + half, k + half
@@ -103,21 +97,13 @@ def look_through(
     depths_m: NDArray[np.float32],
     seen: NDArray[np.int16],
 ) -> None:
-    """Which voxels of the brick at (i, j, k) the camera looked through, at their centres.
+    """Which voxels of the brick whose lowest voxel is (i, j, k) of the box the camera looked through, at their centres.
 
     Projection and comparison are loops of their own without a branch and in 32 bits, so that they run on the vector
     unit. Only the place of the brick is worked out in more.
 
-    Args:
-        clear_m: (height * width,) as in `ClearDepth`.
-        p: from voxels to pixels.
-        offsets: from `offsets_of`.
-        i: lowest voxel of the brick, in the box.
-        j: the same along y.
-        k: the same along z.
-        pixels: (64,) room to work in.
-        depths_m: (64,) room to work in.
-        seen: (64,) becomes 1 for a voxel that was looked through, else 0.
+    ``clear_m`` (height * width,) is as in `ClearDepth`, ``offsets`` from `offsets_of`. ``seen`` (64,) becomes 1 for a
+    voxel that was looked through, else 0; ``pixels`` and ``depths_m`` (64,) are room to work in.
     """
     depth_0 = np.float32(p.depth_0 + i * p.depth_i + j * p.depth_j + k * p.depth_k)
     right_0 = np.float32(p.right_0 + i * p.right_i + j * p.right_j + k * p.right_k)

@@ -10,13 +10,14 @@ cube of 8 are eight bricks. It is OctoMap's order of children as well.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.compiled import compiled
+from companion.compiled import compiled, inner
 
+Number = TypeVar("Number", bound=np.generic)
 Integer = int | np.integer[Any]
 """What compiled functions take as an integer, whoever calls them."""
 
@@ -63,14 +64,10 @@ def place_of(x: Integer, y: Integer, z: Integer) -> Integer:
     return x | y << 1 | z << 2
 
 
-def _offsets() -> NDArray[np.int16]:
-    offsets = np.empty((VOLUME, 3), np.int16)
-    for x, y, z in np.ndindex(EDGE, EDGE, EDGE):
-        offsets[place_of.py_func(x, y, z)] = x, y, z
-    return offsets
+PLACES = np.asarray(place_of.py_func(*np.indices((EDGE, EDGE, EDGE))), np.int16)
+"""(16, 16, 16) the place in its chunk of the voxel with these coordinates there: `place_of` as a table."""
 
-
-OFFSETS = _offsets()
+OFFSETS = np.stack(np.unravel_index(np.argsort(PLACES, axis=None), PLACES.shape), axis=1).astype(np.int16)
 """(4096, 3) coordinates in its chunk of the voxel at each place: the inverse of `place_of`."""
 
 
@@ -80,20 +77,45 @@ def chunk_key(x: Integer, y: Integer, z: Integer) -> Integer:
     return ((x + CHUNK_LIMIT) << 42) | ((y + CHUNK_LIMIT) << 21) | (z + CHUNK_LIMIT)
 
 
+def keys_of(chunks: NDArray[np.int32]) -> NDArray[np.int64]:
+    """(...) keys of ``chunks`` (..., 3)."""
+    return np.asarray(chunk_key.py_func(*np.moveaxis(chunks.astype(np.int64), -1, 0)))
+
+
+def chunks_of(keys: NDArray[np.int64]) -> NDArray[np.int32]:
+    """(n, 3) the chunks of these ``keys`` (n,): the inverse of `keys_of`."""
+    part = 2 * CHUNK_LIMIT - 1
+    return (np.stack([keys >> 42, keys >> 21 & part, keys & part], axis=-1) - CHUNK_LIMIT).astype(np.int32)
+
+
+def plain(array: NDArray[Any], dtype: type[Number]) -> NDArray[Number]:
+    """The same numbers as compiled functions know them: for any other layout they would be compiled anew, in flight."""
+    return np.require(array, dtype, ["C", "A", "W"])
+
+
+@inner
+def bits_in(word: np.uint64) -> int:
+    """How many bits of ``word`` are set."""
+    word = word - (word >> np.uint64(1) & np.uint64(0x5555555555555555))
+    word = (word & np.uint64(0x3333333333333333)) + (word >> np.uint64(2) & np.uint64(0x3333333333333333))
+    word = (word + (word >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
+    return np.int64(word * np.uint64(0x0101010101010101) >> np.uint64(56))  # type: ignore[return-value]
+
+
 @compiled
-def home_of(keys: NDArray[np.int64], key: Integer) -> int:
-    """Where in the hash table, whose size is a power of two, the search for a key begins."""
+def home_of(mask: int, key: Integer) -> int:
+    """Where in the hash table, whose size is a power of two and ``mask`` + 1, the search for a key begins."""
     # Twice, because x is in the highest bits of the key, and one product carries bits only upwards.
     mixed = key * _GOLDEN
     mixed = (mixed ^ (mixed >> 32)) * _GOLDEN
-    return int((mixed ^ (mixed >> 32)) & (keys.shape[0] - 1))
+    return int((mixed ^ (mixed >> 32)) & mask)
 
 
 @compiled
 def slot_of(keys: NDArray[np.int64], key: Integer) -> int:
     """Where ``key`` is in the table, or the empty place where it belongs."""
     mask = keys.shape[0] - 1
-    slot = home_of(keys, key)
+    slot = home_of(mask, key)
     while keys[slot] != key and keys[slot] != EMPTY:
         slot = (slot + 1) & mask
     return slot
@@ -113,7 +135,7 @@ def forget_key(keys: NDArray[np.int64], rows: NDArray[np.int32], key: Integer) -
     gap = slot_of(keys, key)
     slot = (gap + 1) & mask
     while keys[slot] != EMPTY:
-        home = home_of(keys, keys[slot])
+        home = home_of(mask, keys[slot])
         if (slot - home) & mask >= (slot - gap) & mask:
             keys[gap], rows[gap] = keys[slot], rows[slot]
             gap = slot

@@ -78,7 +78,6 @@ def states_at(table: Table, points: FloatArray, voxel_m: float, threshold: int) 
     return states
 
 
-@compiled
 def centres(chunks: NDArray[np.int32], states: NDArray[np.uint8], state: np.uint8, voxel_m: float) -> FloatArray:
     """(k, 3) centres in m of all voxels with one state.
 
@@ -88,15 +87,8 @@ def centres(chunks: NDArray[np.int32], states: NDArray[np.uint8], state: np.uint
         state: which to list.
         voxel_m: edge of a voxel.
     """
-    points = np.empty((np.sum(states == state), 3))
-    found = 0
-    for row in range(chunks.shape[0]):
-        for place in range(states.shape[1]):
-            if states[row, place] == state:
-                for axis in range(3):
-                    points[found, axis] = (EDGE * chunks[row, axis] + OFFSETS[place, axis] + 0.5) * voxel_m
-                found += 1
-    return points
+    row, place = np.nonzero(states == state)
+    return np.asarray((EDGE * chunks[row] + OFFSETS[place] + 0.5) * voxel_m)
 
 
 @compiled

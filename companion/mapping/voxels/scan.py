@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from companion.compiled import compiled, compiled_unchecked
 from companion.geometry import rotation
-from companion.mapping.voxels.brick import CHANGED, HITS, LOWERED, compared, lower, raise_, spread
 from companion.mapping.voxels.chunk_table import Table, find_row, has_room, keep_row, load_brick, next_row, store_brick
 from companion.mapping.voxels.chunks import BRICK, MASK, SHIFT, WORDS, place_of
 from companion.mapping.voxels.marks import doubled
-from companion.mapping.voxels.sensor_model import Steps
+from companion.mapping.voxels.sensor_model import CHANGED, HITS, LOWERED, Steps, compared, lower, raise_, spread
 from companion.mapping.voxels.view import Box, box_of
 from companion.model import FloatArray, PlanarScan
 

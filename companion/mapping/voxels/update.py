@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.compiled import compiled, compiled_unchecked
-from companion.mapping.voxels.brick import CHANGED, HITS, LOWERED, compared, lower, lowered, raise_, spread
+from companion.compiled import compiled_unchecked
 from companion.mapping.voxels.carve import CLEAR, MIXED, UNSEEN, judge, look_through, offsets_of
 from companion.mapping.voxels.chunk_table import (
     Table,
@@ -21,7 +20,17 @@ from companion.mapping.voxels.chunk_table import (
 from companion.mapping.voxels.chunks import BRICK, EDGE, chunk_key, row_of_key
 from companion.mapping.voxels.depth_image import ClearDepth
 from companion.mapping.voxels.marks import Marks
-from companion.mapping.voxels.sensor_model import Steps
+from companion.mapping.voxels.sensor_model import (
+    CHANGED,
+    HITS,
+    LOWERED,
+    Steps,
+    compared,
+    lower,
+    lowered,
+    raise_,
+    spread,
+)
 from companion.mapping.voxels.view import Box, Projection
 
 _CELL_SHIFT = 2
@@ -117,7 +126,7 @@ def update_chunks(
                 if verdict_4 == MIXED:
                     look_through(clear_m, p, offsets, at_x, at_y, at_z, pixels, depths_m, seen)
                 else:
-                    fill(seen, verdict_4 == CLEAR)
+                    seen[:] = np.int16(verdict_4 == CLEAR)
                 load_brick(voxels, code, old)
                 lower(old, seen, miss, lowest, new)
                 spread(hit, hits)
@@ -138,13 +147,6 @@ def update_chunks(
     counts[HITS] += hit_count
     counts[LOWERED] += lowered_count
     return box.size_x * box.size_y * box.size_z
-
-
-@compiled
-def fill(seen: NDArray[np.int16], value: bool) -> None:
-    """All of a brick was looked through, or nothing of it."""
-    for n in range(BRICK):
-        seen[n] = np.int16(value)
 
 
 @compiled_unchecked

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
@@ -11,15 +11,21 @@ from numpy.typing import NDArray
 
 from companion.config.mapping import MapSettings
 from companion.mapping.voxels import lookup
-from companion.mapping.voxels.brick import CHANGED, HITS, LOWERED
 from companion.mapping.voxels.chunk_table import Store, Table, find_rows, forget_rows, load_rows, store_rows
-from companion.mapping.voxels.chunks import CHUNK_LIMIT, EDGE, NOTHING
+from companion.mapping.voxels.chunks import CHUNK_LIMIT, EDGE, NOTHING, plain
 from companion.mapping.voxels.depth_image import clear_depth, hole_depth_m
 from companion.mapping.voxels.marks import mark_hits
-from companion.mapping.voxels.piece import MOST_CHUNKS, MapPiece, MapSource, add_log_odds
+from companion.mapping.voxels.piece import (
+    MOST_CHUNKS,
+    IntegrationReport,
+    MapCounts,
+    MapPiece,
+    MapSnapshot,
+    MapSource,
+    add_log_odds,
+)
 from companion.mapping.voxels.scan import beams_of, pass_beams, update_passed
-from companion.mapping.voxels.sensor_model import steps_of
-from companion.mapping.voxels.snapshot import IntegrationReport, MapCounts, MapSnapshot
+from companion.mapping.voxels.sensor_model import CHANGED, HITS, LOWERED, steps_of
 from companion.mapping.voxels.update import update_chunks
 from companion.mapping.voxels.view import view_of
 from companion.model import DepthFrame, FloatArray, PlanarScan
@@ -88,21 +94,13 @@ class VoxelMap:
                 f"{camera.width_px} px wide"
             )
         box, projection, rays = view_of(frame, settings.voxel_m, settings.max_range_m)
-        # Compiled code differs for memory that is read-only or of another layout.
-        depth_m = np.require(self._unsaturated(frame.depth_m), np.float32, ["C", "W"])
+        depth_m = plain(self._unsaturated(frame.depth_m), np.float32)
         if self._clear_m.shape != depth_m.shape:
             self._clear_m = np.empty(depth_m.shape, np.float32)
         marks = mark_hits(depth_m, rays, box)
-        clear = clear_depth(
-            depth_m,
-            rays.lowest_m,
-            rays.limit_m,
-            settings.margin_m,
-            settings.depth_noise_per_m,
-            min(hole_depth_m(settings.voxel_m, min(camera.fx_px, camera.fy_px)), rays.limit_m),
-            self._clear_m,
-        )
-        pixels_hit, pixels_clear, pixels_invalid = (int(count) for count in marks.pixels)
+        hole_m = min(hole_depth_m(settings.voxel_m, min(camera.fx_px, camera.fy_px)), rays.limit_m)
+        limits = rays.lowest_m, rays.limit_m, settings.margin_m, settings.depth_noise_per_m, hole_m
+        clear = clear_depth(depth_m, *limits, self._clear_m)
         self._revision += 1
         counts = np.zeros(3, np.int64)
         chunks_new = self._filled(
@@ -111,15 +109,7 @@ class VoxelMap:
             ),
             len(marks.slots),
         )
-        return IntegrationReport(
-            hits=int(counts[HITS]),
-            misses=int(counts[LOWERED]),
-            pixels_hit=pixels_hit,
-            pixels_clear=pixels_clear,
-            pixels_invalid=pixels_invalid,
-            chunks_updated=int(counts[CHANGED]),
-            chunks_new=chunks_new,
-        )
+        return _report(counts, marks.pixels.tolist(), chunks_new)
 
     def integrate_scan(self, scan: PlanarScan) -> IntegrationReport:
         """Put one turn of a planar scanner into the map.
@@ -145,15 +135,7 @@ class VoxelMap:
             len(passed.slots),
         )
         hits = int(np.count_nonzero(beams.hits))
-        return IntegrationReport(
-            hits=int(counts[HITS]),
-            misses=int(counts[LOWERED]),
-            pixels_hit=hits,
-            pixels_clear=len(beams.hits) - hits,
-            pixels_invalid=len(scan.ranges_m) - len(beams.hits),
-            chunks_updated=int(counts[CHANGED]),
-            chunks_new=chunks_new,
-        )
+        return _report(counts, (hits, len(beams.hits) - hits, len(scan.ranges_m) - len(beams.hits)), chunks_new)
 
     def merge(self, other: MapSource) -> None:
         """Add what another vehicle's map says: log-odds are added, then clamped.
@@ -166,7 +148,7 @@ class VoxelMap:
         for theirs in other.pieces():
             chunks = _chunks(theirs.chunks)
             values = load_rows(self._store.table, find_rows(self._store.table, chunks))
-            add_log_odds(values, np.ascontiguousarray(theirs.values), self._steps.lowest, self._steps.highest)
+            add_log_odds(values, plain(theirs.values, np.int16), self._steps.lowest, self._steps.highest)
             self.put(MapPiece(chunks, values))
 
     def classify(self, points: NDArray[np.floating]) -> NDArray[np.uint8]:
@@ -237,7 +219,7 @@ class VoxelMap:
         Raises:
             OSError: there is no more memory; some of them were taken.
         """
-        chunks, values = _chunks(piece.chunks), np.require(piece.values, np.int16, ["C", "W"])
+        chunks, values = _chunks(piece.chunks), plain(piece.values, np.int16)
         self._revision += 1
         self._filled(lambda table, done: store_rows(table, chunks, values, done, self._revision), len(chunks))
 
@@ -272,7 +254,7 @@ class VoxelMap:
 
     def _points(self, points: NDArray[np.floating]) -> FloatArray:
         """The same points as the compiled functions take them; those beyond the grid are moved to its unused rim."""
-        points_m = np.require(points, np.float64, ["C", "W"])
+        points_m = plain(points, np.float64)
         if points_m.ndim != 2 or points_m.shape[1] != 3:
             raise ValueError(f"points have the shape {points_m.shape}, not (n, 3)")
         reach_m = (CHUNK_LIMIT - 1) * EDGE * self.voxel_m
@@ -282,6 +264,20 @@ class VoxelMap:
         return points_m if largest_m < reach_m else np.clip(points_m, -reach_m, reach_m)
 
 
+def _report(counts: NDArray[np.int64], pixels: Sequence[int], chunks_new: int) -> IntegrationReport:
+    """What became of an image or a turn, of which so many pixels hit something, saw free space only, said nothing."""
+    hit, clear, invalid = pixels
+    return IntegrationReport(
+        hits=int(counts[HITS]),
+        misses=int(counts[LOWERED]),
+        pixels_hit=hit,
+        pixels_clear=clear,
+        pixels_invalid=invalid,
+        chunks_updated=int(counts[CHANGED]),
+        chunks_new=chunks_new,
+    )
+
+
 def _chunks(chunks: NDArray[np.int32]) -> NDArray[np.int32]:
     """The same coordinates as the compiled functions take them."""
-    return np.require(chunks, np.int32, ["C", "W"]).reshape(-1, 3)
+    return plain(chunks, np.int32).reshape(-1, 3)

@@ -11,8 +11,7 @@ from companion.config.settings import Settings
 from companion.flight.preflight.checks import braking
 from companion.mavlink.firmware import ARDUCOPTER_BRAKE_MPS2, AutopilotKind
 from companion.safety_case.gate_plan import stopping_lines
-from sitl.launch.processes import Crew, FlightPlan
-from sitl.launch.settings import write_settings
+from sitl.launch.processes import Crew, FlightPlan, write_settings
 from validation.fault_matrix.faults import FAULTS
 from validation.fault_matrix.scene import write_config
 

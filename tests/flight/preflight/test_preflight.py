@@ -14,7 +14,7 @@ from companion.errors import InputError
 from companion.flight.preflight import CheckResult, check_names, refusal, render, run_checks
 from companion.mavlink.firmware import AutopilotKind
 from companion.sensors.statistics import StreamStatistics
-from sitl.launch.settings import OF_PERSONALITY
+from sitl.launch.processes import OF_PERSONALITY
 from tests.autopilot.fake_link import FakeLink
 from tests.shared.clocks import HandClock
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from companion.mapping.files.facts import facts_of
+from companion.mapping.files.facts import SurfaceArea, facts_of
 from companion.mapping.files.merge import ClippedMap
-from companion.mapping.files.surface_area import SurfaceArea
 from companion.mapping.voxels.chunks import NOTHING, OFFSETS, VOLUME
 from companion.mapping.voxels.piece import MOST_CHUNKS, MapPiece
 from companion.model import FloatArray

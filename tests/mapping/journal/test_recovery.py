@@ -17,7 +17,7 @@ import pytest
 from companion.config.mapping import MapSettings
 from companion.mapping.journal import Header, Journal, JournalError
 from companion.mapping.journal.header import MAGIC, prologue
-from companion.mapping.journal.log import packed
+from companion.mapping.journal.segment import packed
 from tests.mapping.journal.journals import HEADER, Chunk, Contents, alike, held, piece, surface, written
 
 SHORT = Header(0.1, 847, -1992, 3476, "enu")

@@ -11,9 +11,8 @@ import pytest
 
 from companion.mapping.process import supervisor
 from companion.mapping.process.client import Tally
-from companion.mapping.process.messages import FromMap, OfferedFrame, Preparing, Ready, ToMap
+from companion.mapping.process.messages import SLOTS, FromMap, OfferedFrame, Preparing, Ready, SlotRing, ToMap
 from companion.mapping.process.server import Waiting
-from companion.mapping.process.slots import SLOTS, SlotRing
 from companion.mapping.process.supervisor import MapSupervisor
 from tests.mapping.voxels import scenes
 

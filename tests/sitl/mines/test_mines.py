@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from companion.errors import InputError
 from companion.model import Pose
 from sitl.mines import World, load_world
-from sitl.mines.extrude import extruded
-from sitl.mines.network import drawn_network
+from sitl.mines.plan import extruded
+from sitl.mines.random_mine import drawn_network
 from sitl.scene.raycast import RayCaster
 from sitl.scene.visibility import traveling_surface
 from sitl.sim.start import check_start

@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 
 from companion.model import Measurement, Mode, Pose, Setpoint
 from sitl.report import ReportData, overview_png, write_report
-from sitl.report.cards import State, key_figures, verdict
+from sitl.report.cards import State, key_figures, rows, seconds, shown, verdict
 from sitl.report.data import stretches, thinned
 from sitl.report.maps import below_cut, map_pictures
-from sitl.report.mine import mine_plan, section
+from sitl.report.plan import mine_plan, section
 from sitl.report.splat import Camera, render
 from sitl.report.style import DPI, round_length_m
-from sitl.report.text import rows, seconds, shown
 from sitl.sim.flight_log import FlightLog
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -161,7 +160,7 @@ def test_text_from_outside_is_only_ever_text(tmp_path: Path) -> None:
 
 
 def test_a_file_name_that_is_no_text_can_be_in_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sitl.report.write._sections", lambda _: [])
+    monkeypatch.setattr("sitl.report.page._sections", lambda _: [])
     assert "mine_?" in written(tmp_path, replace(data(), title="mine_\udcff"))
 
 
@@ -222,7 +221,7 @@ def test_what_was_there_stays_until_the_new_report_is_complete(tmp_path: Path, m
 
     path = tmp_path / "report.html"
     path.write_text("the old one")
-    monkeypatch.setattr("sitl.report.write.page_html", fails)
+    monkeypatch.setattr("sitl.report.page.page_html", fails)
     with pytest.raises(RuntimeError, match="no ink"):
         write_report(path, data())
     assert path.read_text() == "the old one"
@@ -231,7 +230,7 @@ def test_what_was_there_stays_until_the_new_report_is_complete(tmp_path: Path, m
 def test_a_report_that_cannot_be_put_in_place_leaves_nothing_behind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("sitl.report.write._sections", lambda _: [])
+    monkeypatch.setattr("sitl.report.page._sections", lambda _: [])
     (tmp_path / "report.html").mkdir()
     with pytest.raises(OSError, match=r"report\.html"):
         write_report(tmp_path / "report.html", data(ticks=1))

@@ -13,10 +13,17 @@ from companion.config.mapping import MapSettings
 from companion.errors import InputError
 from companion.mapping import VoxelMap
 from sitl.mines import World, load_world
-from sitl.scene.map_metrics import accuracy_m, precision
 from sitl.scene.raycast import RayCaster
 from sitl.scene.surface import surface_samples
-from sitl.scene.visibility import Truth, _Levels, horizontal_clearance, traveling_surface, visible_samples
+from sitl.scene.visibility import (
+    Truth,
+    _Levels,
+    accuracy_m,
+    horizontal_clearance,
+    precision,
+    traveling_surface,
+    visible_samples,
+)
 from tests.mapping.voxels.scenes import camera, frame, pose, room_depth
 from tests.sitl.scene.test_render import box
 

@@ -14,9 +14,8 @@ from companion.config.settings import Settings
 from companion.errors import InputError
 from companion.model import Pose
 from sitl.scene.raycast import RayCaster
-from sitl.world.contact_monitor import ContactMonitor, Look
+from sitl.world.contact_monitor import ContactMonitor, Look, Trajectory, write_score
 from sitl.world.placement import Scene
-from sitl.world.score_files import Trajectory, write_score
 from tests.sitl.scene.test_render import box
 
 SETTINGS = Settings()

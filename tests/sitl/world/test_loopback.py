@@ -26,8 +26,7 @@ from sitl.world.connection import TruthUrl
 from sitl.world.mavlink_out import Feed
 from sitl.world.odometry import OdometrySettings
 from sitl.world.placement import Scene
-from sitl.world.server import CONTACT, Plan, WorldServer
-from sitl.world.tasks import TERMINATED
+from sitl.world.server import CONTACT, TERMINATED, Plan, WorldServer
 from tests.shared.beside import until
 from tests.sitl.scene.test_render import box
 from tests.sitl.world.messages import Ned, heartbeat, hil
