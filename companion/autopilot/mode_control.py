@@ -119,7 +119,7 @@ class ModeControl:
         """Begin the autopilot's own take-off, with these parameters of MAV_CMD_NAV_TAKEOFF."""
         self.check_ours()
         asked_s = self._clock.now_s()
-        self._monitor.ask(self._personality.taking_off)
+        self._monitor.request(self._personality.taking_off)
         result = await self._command(MavCmd.NAV_TAKEOFF, *parameters)
         if result != MavResult.ACCEPTED:
             raise self.failure(f"the autopilot refuses to take off ({result_name(result)})", asked_s)
@@ -160,7 +160,7 @@ class ModeControl:
         self.check_ours()
         name = mode_name(self._link.kind, mode)
         asked_s = self._clock.now_s()
-        request = self._monitor.ask(frozenset({mode}), may_disarm, self._personality.passing_to(mode))
+        request = self._monitor.request(frozenset({mode}), may_disarm, self._personality.passing_to(mode))
         happened = False
         try:
             result = await self._command(
@@ -172,7 +172,7 @@ class ModeControl:
             happened = True
         finally:
             if not happened:
-                self._monitor.refused(request)
+                self._monitor.on_refused(request)
 
     async def _shown(self, name: str, asked_s: float) -> None:
         accepted_s = self._clock.now_s()
@@ -196,6 +196,6 @@ class ModeControl:
         mode, flags = integer(message, "custom_mode"), integer(message, "base_mode")
         if mode is not None and flags is not None:
             before = self._monitor.taken_over
-            self._monitor.heartbeat(mode, bool(flags & MavModeFlag.SAFETY_ARMED), message.received_s)
+            self._monitor.on_heartbeat(mode, bool(flags & MavModeFlag.SAFETY_ARMED), message.received_s)
             if before is None and self._monitor.taken_over is not None:
                 _log.warning("somebody else has the vehicle: mode %s", self._monitor.taken_over)

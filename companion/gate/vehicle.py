@@ -81,7 +81,7 @@ class Vehicle:
         before = self._mode_monitor
         self._mode_monitor = ModeMonitor(self.kind or AutopilotKind.PX4)
         if before.mode is not None:
-            self._mode_monitor.heartbeat(before.mode, before.armed, before.heartbeat_s)
+            self._mode_monitor.on_heartbeat(before.mode, before.armed, before.heartbeat_s)
         self._requests.clear()
         self.end_flight()
 
@@ -112,11 +112,11 @@ class Vehicle:
         if command == MavCmd.COMPONENT_ARM_DISARM:
             self._asked_to_arm = self._asked_to_arm or fields["param1"] == 1.0
         elif command == MavCmd.NAV_TAKEOFF:
-            self._mode_monitor.ask(ours.taking_off)
+            self._mode_monitor.request(ours.taking_off)
         elif command == MavCmd.NAV_LAND:
-            self._mode_monitor.ask(frozenset({ours.land}), may_disarm=True, passing=ours.passing_to(ours.land))
+            self._mode_monitor.request(frozenset({ours.land}), may_disarm=True, passing=ours.passing_to(ours.land))
         elif (mode := mode_asked_for(ours.kind, fields)) is not None:
-            request = self._mode_monitor.ask(frozenset({mode}), mode == ours.land, ours.passing_to(mode))
+            request = self._mode_monitor.request(frozenset({mode}), mode == ours.land, ours.passing_to(mode))
             self._requests[component] = request
 
     def _heartbeat(self, fields: Fields, now_s: float) -> None:
@@ -128,7 +128,9 @@ class Vehicle:
             # The firmware does not change while it flies: somebody else speaks with our vehicle's number.
             return
         self.heartbeat_s = now_s
-        self._mode_monitor.heartbeat(fields["custom_mode"], bool(fields["base_mode"] & MavModeFlag.SAFETY_ARMED), now_s)
+        self._mode_monitor.on_heartbeat(
+            fields["custom_mode"], bool(fields["base_mode"] & MavModeFlag.SAFETY_ARMED), now_s
+        )
 
     def _acknowledged(self, fields: Fields, now_s: float) -> None:
         good = fields["result"] in (MavResult.ACCEPTED, MavResult.IN_PROGRESS)
@@ -137,4 +139,4 @@ class Vehicle:
         elif fields["command"] == MavCmd.DO_SET_MODE and not good:
             request = self._requests.pop(fields["target_component"], None)
             if request is not None:
-                self._mode_monitor.refused(request)
+                self._mode_monitor.on_refused(request)

@@ -70,7 +70,7 @@ class ModeMonitor:
         """Whether it is armed, or was at ``armed_s`` and no heartbeat can have said so yet; infinite: it was not."""
         return self.armed or self.heartbeat_s < armed_s + HEARTBEAT_LATE_S < math.inf
 
-    def ask(self, modes: frozenset[int], may_disarm: bool = False, passing: frozenset[int] = frozenset()) -> int:
+    def request(self, modes: frozenset[int], may_disarm: bool = False, passing: frozenset[int] = frozenset()) -> int:
         """From now on these modes are ours, and any other is somebody else's. Gives the number of this request.
 
         Args:
@@ -84,14 +84,14 @@ class ModeMonitor:
         self._requests += 1
         return self._requests
 
-    def refused(self, number: int) -> None:
+    def on_refused(self, number: int) -> None:
         """This request came to nothing: the modes from before are ours, unless others were asked for since."""
         if self._request is None or number != self._requests:
             return
         self._request = _Request(self._request.before, frozenset(), False, self._request.was_armed)
         self.confirmed = True
 
-    def heartbeat(self, custom_mode: int, armed: bool, received_s: float) -> None:
+    def on_heartbeat(self, custom_mode: int, armed: bool, received_s: float) -> None:
         """Judge one heartbeat. Each may be handed in more than once; one from the past is judged but not the newest."""
         if received_s >= self.heartbeat_s:
             self.mode, self.armed, self.heartbeat_s = custom_mode, armed, received_s

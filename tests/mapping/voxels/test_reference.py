@@ -15,6 +15,10 @@ from companion.model import Camera, FloatArray, Pose
 from tests.mapping.voxels.scenes import camera, frame, pose, rays, room_depth, to_world, turned, voxel_numbers
 
 VOXEL_M, LIMIT_M = 0.2, 4.0
+ROUNDED_VOXELS = 4.0 * float(np.spacing(np.float32(128.0)))
+"""What 32 bits leave open in an end point: it is counted from the corner of the view, which is 20 voxels of range each
+way and up to a chunk more, fewer than 128 in all, and is rounded four times."""
+NEAR_M = ROUNDED_VOXELS * VOXEL_M
 SETTINGS = MapSettings(voxel_m=VOXEL_M, max_range_m=LIMIT_M, depth_noise_per_m=0.0, occupied_probability=0.5)
 """At 4 m a pixel is 4 / 40 = 0.1 m wide, so its ray passes any point that it stands for within 0.071 m: less than the
 0.1 m from a voxel's centre to its sides. So a ray enters each voxel whose centre lies in its pixel."""
@@ -85,11 +89,11 @@ def test_occupied_is_exactly_where_rays_end(at: Pose, share: float) -> None:
     voxels.integrate(frame(cam, at, depth))
     ended = (depth >= cam.min_range_m) & (depth < LIMIT_M)
     ends = to_world(cam, at, rays(cam)[ended] * depth[ended][:, np.newaxis].astype(np.float64))
-    # The map multiplies in another order: an end point within 1e-9 m of a border may be on either side of it.
-    inside = np.abs(ends / VOXEL_M - np.round(ends / VOXEL_M)).min(axis=1) > 1e-8
+    # The map computes end points with 32 bits: one that is nearer to a border than that rounds may be on either side.
+    inside = np.abs(ends / VOXEL_M - np.round(ends / VOXEL_M)).min(axis=1) > ROUNDED_VOXELS
     assert (voxels.classify(ends[inside]) == OCCUPIED).all()
     marked = _set(voxel_numbers(voxels.occupied(), VOXEL_M))
-    around = _set(np.concatenate([voxel_numbers(ends + d, VOXEL_M) for d in (-1e-9, 1e-9)]))
+    around = _set(np.concatenate([voxel_numbers(ends + d, VOXEL_M) for d in (-NEAR_M, NEAR_M)]))
     assert marked <= around
 
 

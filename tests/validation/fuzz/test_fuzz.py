@@ -58,7 +58,7 @@ def test_a_mode_that_is_no_number_is_no_takeover() -> None:
     clock = HandClock()
     link = FakeLink(clock)
     vehicle = Vehicle(link, Telemetry(link, clock, SETTINGS), SETTINGS, clock)
-    vehicle._modes._monitor.ask(frozenset({4}))
+    vehicle._modes._monitor.request(frozenset({4}))
     link.deliver("HEARTBEAT", ARMED)
     link.deliver("HEARTBEAT", ARMED | {"custom_mode": True})
     link.deliver("HEARTBEAT", ARMED | {"base_mode": False})
