@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator, Callable
 
 from companion.clock import Clock
 from companion.flight.phase import FlightPhase, PhaseMachine
-from companion.model import Measurement, Mode, Pose, Setpoint
+from companion.model import Input, Measurement, Mode, Pose, Setpoint
 from companion.pipeline import Explorer, Tick
 from companion.sensors.synchronizer import Synchronizer
 
@@ -108,8 +108,8 @@ class ControlLoop:
             measurement, setpoint = steering.measurement, steering.setpoint
         elif observation is not None:
             measurement = self._explorer.look(observation)
-        missing = ("pose",) if measurement is None else measurement.missing
-        if "pose" in missing:
+        missing = (Input.POSE,) if measurement is None else measurement.missing
+        if Input.POSE in missing:
             setpoint = None
         self.measurement = measurement
         self.pose = None if observation is None else observation.pose

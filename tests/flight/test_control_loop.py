@@ -8,7 +8,7 @@ import pytest
 from companion.config.load import load_settings
 from companion.flight.control_loop import ControlLoop, Rate
 from companion.flight.phase import FlightPhase, PhaseMachine
-from companion.model import Beam, Measurement, Mode, Pose, RangeReading, Setpoint
+from companion.model import Beam, Input, Measurement, Mode, Pose, RangeReading, Setpoint
 from companion.pipeline import Explorer, Tick
 from companion.pose_buffer import PoseBuffer
 from companion.sensors.sink import RawDepth, SensorSink
@@ -109,7 +109,7 @@ def test_a_lost_pose_is_silence() -> None:
     sent = len(bench.vehicle.sent)
     for _ in range(8):
         tick = bench.tick(pose=False)
-    assert tick.missing == ("pose",)
+    assert tick.missing == (Input.POSE,)
     assert tick.setpoint is None
     # A pose is good for 0.3 s: the first few ticks still had one.
     assert len(bench.vehicle.sent) - sent <= 6
@@ -138,7 +138,7 @@ def test_before_the_first_pose_a_tick_says_what_is_missing() -> None:
     bench = Bench()
     bench.flight.phase = FlightPhase.EXPLORING
     tick = bench.tick(pose=False)
-    assert (tick.missing, tick.observation, tick.sent) == (("pose",), None, False)
+    assert (tick.missing, tick.observation, tick.sent) == ((Input.POSE,), None, False)
     assert bench.control_loop.measured_height_m() is None
 
 

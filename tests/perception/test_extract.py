@@ -220,7 +220,7 @@ class TestPose:
         extract = extractor()
         extract.measure(observed(AT_START, OPEN, DOWN))
         pose = later(AT_START, SOON_S, **{name: value})
-        assert "pose" in extract.measure(Observation(pose.t_s, pose, None, readings(pose.t_s, DOWN))).missing
+        assert Input.POSE in extract.measure(Observation(pose.t_s, pose, None, readings(pose.t_s, DOWN))).missing
 
     @pytest.mark.parametrize("name", ["roll_rad", "pitch_rad"])
     def test_an_attitude_that_is_not_finite_is_missing(self, name: str) -> None:

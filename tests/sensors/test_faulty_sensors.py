@@ -301,7 +301,7 @@ def test_a_faulty_downward_beam_leaves_no_height(fault: str) -> None:
     assert faulty.until(FAULT_AT_S)[-1].missing == ()
     faulty.until(FAULT_AT_S + BEAM_STALE_S + 2 * PERIOD_S)
     found = faulty.until(FAULT_AT_S + 2.0)
-    assert all(measured.h_m is None and "height" in measured.missing for measured in found)
+    assert all(measured.h_m is None and Input.HEIGHT in measured.missing for measured in found)
     assert all(measured.ranges_age_s > BEAM_STALE_S for measured in found)
 
 
