@@ -170,6 +170,12 @@ def test_no_speed_is_worse_than_the_worst(
             assert line.remaining_m >= min(least_m, standing_m) - 1e-9
 
 
+@pytest.mark.parametrize("fault", ["gate killed", "computer dead", "link cut"])
+def test_what_ends_the_gate_itself_is_held_against_the_wall_too(fault: str) -> None:
+    """Only the autopilot's own failsafe stops the vehicle then: the longest way of all must count."""
+    assert line_of(fault).stops
+
+
 @pytest.mark.parametrize(
     ("stops", "remaining_m", "reaches"),
     [(True, -0.1, True), (True, 0.0, True), (True, 0.001, False), (False, -0.1, False)],
