@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import time
 from pathlib import Path
@@ -39,7 +40,12 @@ async def _fly_lossy(ours: Stage) -> None:
         assert not vehicle.taken_over
     assert not witness.armed
     for lost, passed in zip(relay.lost, relay.passed, strict=True):
-        assert 0.02 < lost / (lost + passed) < 0.09, "the link did lose"
+        sent = lost + passed
+        # Four standard deviations: some hundred datagrams are few.
+        assert abs(lost - LOST_SHARE * sent) < 4.0 * math.sqrt(LOST_SHARE * (1.0 - LOST_SHARE) * sent), (
+            "the link did lose"
+        )
+        assert lost > 0
 
 
 @pytest.mark.flight
