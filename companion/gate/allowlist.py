@@ -47,6 +47,8 @@ ODOMETRY = frozenset(
     {"HEARTBEAT", "TIMESYNC", "ODOMETRY", "VISION_POSITION_ESTIMATE", "VISION_SPEED_ESTIMATE", "SET_GPS_GLOBAL_ORIGIN"}
 )
 """Of a program that only tells the autopilot where it is."""
+PLACES = frozenset({"ODOMETRY", "VISION_POSITION_ESTIMATE"})
+"""Those of them that say where."""
 
 
 def mode_asked_for(kind: AutopilotKind, fields: Mapping[str, float]) -> int | None:

@@ -44,6 +44,16 @@ class MavState(enum.IntEnum):
     """The flight is being ended because of a failure."""
 
 
+class MavBatteryChargeState(enum.IntEnum):
+    """MAV_BATTERY_CHARGE_STATE of a BATTERY_STATUS, as far as it says that something is wrong."""
+
+    LOW = 2
+    CRITICAL = 3
+    EMERGENCY = 4
+    FAILED = 5
+    UNHEALTHY = 6
+
+
 class MavModeFlag(enum.IntFlag):
     """MAV_MODE_FLAG, in ``base_mode`` of a heartbeat."""
 

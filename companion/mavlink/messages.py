@@ -43,10 +43,14 @@ _TABLE = """
 21 PARAM_REQUEST_LIST 159: B target_system B target_component
 22 PARAM_VALUE 220: f param_value H param_count H param_index 16s param_id B param_type
 23 PARAM_SET 168: f param_value B target_system B target_component 16s param_id B param_type
+24 GPS_RAW_INT 24: Q time_usec i lat i lon i alt H eph H epv H vel H cog B fix_type B satellites_visible
+  i alt_ellipsoid I h_acc I v_acc I vel_acc I hdg_acc H yaw
 30 ATTITUDE 39: I time_boot_ms f roll f pitch f yaw f rollspeed f pitchspeed f yawspeed
 32 LOCAL_POSITION_NED 185: I time_boot_ms f x f y f z f vx f vy f vz
+33 GLOBAL_POSITION_INT 104: I time_boot_ms i lat i lon i alt i relative_alt h vx h vy h vz H hdg
 43 MISSION_REQUEST_LIST 132: B target_system B target_component B mission_type
 48 SET_GPS_GLOBAL_ORIGIN 41: i latitude i longitude i altitude B target_system Q time_usec
+49 GPS_GLOBAL_ORIGIN 39: i latitude i longitude i altitude Q time_usec
 69 MANUAL_CONTROL 243: h x h y h z h r H buttons B target H buttons2 B enabled_extensions h s h t
   h aux1 h aux2 h aux3 h aux4 h aux5 h aux6
 70 RC_CHANNELS_OVERRIDE 124: H chan1_raw H chan2_raw H chan3_raw H chan4_raw H chan5_raw H chan6_raw H chan7_raw

@@ -18,7 +18,6 @@ from typing import Any
 from companion.config.load import load, merge
 from companion.config.settings import Settings
 from companion.errors import CompanionError
-from companion.mavlink.firmware import ARDUCOPTER_BRAKE_MPS2
 
 START_TIMEOUT_S = 240.0
 """The first start on a computer compiles everything, which takes a small one minutes."""
@@ -30,12 +29,6 @@ _SERVES = {"autopilot": "standing at", "world": "waiting for its truth"}
 
 Sections = Mapping[str, Any]
 """Nested mappings, like those in a settings file."""
-
-OF_PERSONALITY: Mapping[str, Sections] = {
-    "px4": {},
-    "ardupilot": {"control": {"governor": {"brake_mps2": ARDUCOPTER_BRAKE_MPS2}}},
-}
-"""What an autopilot needs that is not the default; without it pre-flight refuses to fly it."""
 
 
 class CrewError(CompanionError):
@@ -132,7 +125,7 @@ class Crew:
             "mission": {"start": "now", "time_limit_s": plan.time_limit_s},
             "record": {"folder": str(plan.folder), "largest_mb": 500.0},
         }
-        return write_settings(self.config, plan.preset, plan.personality, own, plan.settings or {})
+        return write_settings(self.config, plan.preset, own, plan.settings or {})
 
     def _autopilot_options(self) -> list[str]:
         plan = self.plan
@@ -235,13 +228,12 @@ def environment() -> dict[str, str]:
     return {**os.environ, "PYTHONUNBUFFERED": "1"}
 
 
-def write_settings(file: Path, preset: str, personality: str, *layers: Sections) -> Settings:
-    """Write a settings file: what the personality needs, and over it the layers, the last one uppermost.
+def write_settings(file: Path, preset: str, *layers: Sections) -> Settings:
+    """Write a settings file: a preset, and over it the layers, the last one uppermost.
 
     Args:
         file: is made, or made anew.
         preset: below everything.
-        personality: px4 or ardupilot.
         layers: what is set besides.
 
     Returns:
@@ -250,7 +242,7 @@ def write_settings(file: Path, preset: str, personality: str, *layers: Sections)
     Raises:
         InputError: these settings cannot be used.
     """
-    sections = dict(OF_PERSONALITY[personality])
+    sections: dict[str, Any] = {}
     for layer in layers:
         sections = merge(sections, layer)
     # JSON is YAML.

@@ -137,7 +137,7 @@ def flying(folder: Path, personality: str, settings: Sections | None = None) -> 
         stream = stack.enter_context(StreamRelay(world_tcp))
         witness = stack.enter_context(Witness())
         config = folder / "vehicle.yaml"
-        loaded = write_config(config, personality, gate_port, stream.url, settings or {})
+        loaded = write_config(config, gate_port, stream.url, settings or {})
         mesh = corridor(folder)
         # Side by side: each of them takes seconds to load. What is started last ends first.
         world = _serve(stack, folder, "world", _world(folder, mesh, config, world_port, world_tcp))
@@ -190,7 +190,7 @@ def _tell(port: int, words: str) -> None:
         hand.sendto(words.encode(), (LOOPBACK, port))
 
 
-def write_config(config: Path, personality: str, gate_port: int, stream_url: str, settings: Sections) -> Settings:
+def write_config(config: Path, gate_port: int, stream_url: str, settings: Sections) -> Settings:
     """Write the settings file of a flight, with ``settings`` over what every flight has; what is in force with it."""
     every = {
         "autopilot": {"url": f"udpin://{LOOPBACK}:{gate_port}"},
@@ -199,7 +199,7 @@ def write_config(config: Path, personality: str, gate_port: int, stream_url: str
         "mission": {"start": "now", "time_limit_s": 300.0, "skip_checks": ["clock"]},
         "record": {"folder": str(config.parent), "largest_mb": 200.0},
     }
-    return write_settings(config, "flight", personality, every, settings)
+    return write_settings(config, "flight", every, settings)
 
 
 def _world(folder: Path, mesh: Path, config: Path, truth_port: int, stream_port: int) -> list[str]:

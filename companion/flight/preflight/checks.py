@@ -18,7 +18,7 @@ from companion.config.settings import Settings
 from companion.errors import InputError
 from companion.flight.preflight.parameter_rules import check_rule, parameter_check_names, rules
 from companion.flight.preflight.result import CheckResult
-from companion.mavlink.firmware import ARDUCOPTER_BRAKE_MPS2, AutopilotKind
+from companion.mavlink.firmware import MEASURED_BRAKE_MPS2
 from companion.model import Beam
 from companion.sensors.statistics import StreamStatistics
 
@@ -89,7 +89,7 @@ async def run_checks(
         _storage(settings),
         _disarmed(state),
         _mode(state),
-        *braking(link.kind, settings),
+        braking(settings),
     ]
     results = [_skipped(result.name) if result.name in skip else result for result in results]
     for rule in rules(link.kind, settings):
@@ -278,26 +278,24 @@ def _mode(state: VehicleState) -> CheckResult:
     )
 
 
-def braking(kind: AutopilotKind, settings: Settings) -> Iterator[CheckResult]:
-    """The check of ``control.governor.brake_mps2`` with ArduPilot; none with PX4, for which the default was chosen.
+def braking(settings: Settings) -> CheckResult:
+    """The check of ``control.governor.brake_mps2``.
 
     It does not ask for ``control.speed_law``: without the governor the gate still counts on the number, in the stopping
     budget, before its hard limit and before the fence.
     """
-    if kind is not AutopilotKind.ARDUPILOT:
-        return
     counted_mps2 = settings.control.governor.brake_mps2
-    ok = counted_mps2 <= ARDUCOPTER_BRAKE_MPS2
-    yield CheckResult(
+    ok = counted_mps2 <= MEASURED_BRAKE_MPS2
+    return CheckResult(
         BRAKING,
         ok,
         f"counted on: {counted_mps2:g} m/s²",
-        f"at most {ARDUCOPTER_BRAKE_MPS2:g} m/s² with ArduPilot",
-        f"ArduCopter was measured to brake with {ARDUCOPTER_BRAKE_MPS2:g} m/s²: with more in the settings it slows "
-        "down too late, and the stopping budget does not hold.",
+        f"at most {MEASURED_BRAKE_MPS2:g} m/s²",
+        f"PX4 and ArduCopter were measured to brake with {MEASURED_BRAKE_MPS2:g} m/s²: with more in the settings the "
+        "law slows down too late, and the stopping budget does not hold.",
         ""
         if ok
-        else f"set control.governor.brake_mps2: {ARDUCOPTER_BRAKE_MPS2:g} in the settings file (--fix changes only "
+        else f"set control.governor.brake_mps2: {MEASURED_BRAKE_MPS2:g} in the settings file (--fix changes only "
         f"parameters); if this vehicle was measured to brake harder, --skip {BRAKING}",
     )
 

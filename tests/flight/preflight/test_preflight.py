@@ -14,7 +14,6 @@ from companion.errors import InputError
 from companion.flight.preflight import CheckResult, check_names, refusal, render, run_checks
 from companion.mavlink.firmware import AutopilotKind
 from companion.sensors.statistics import StreamStatistics
-from sitl.launch.processes import OF_PERSONALITY
 from tests.autopilot.fake_link import FakeLink
 from tests.shared.clocks import HandClock
 
@@ -91,7 +90,6 @@ class Bench:
             {
                 "autopilot": {"gps": gps},
                 "record": {"folder": str(folder / "flights"), "largest_mb": 10},
-                **OF_PERSONALITY[kind.value],
             }
         )
         self.telemetry = Telemetry(self.link, self.clock, self.settings)
