@@ -8,8 +8,8 @@ messages then wait in MAVSDK and are stamped late. That is why poses are stamped
 MAVSDK opens no socket: those that it opens are bound to every address of the computer, and it believes every sender.
 Its connection is ``raw://``, which hands its bytes to a `Transport` of ours and takes ours.
 
-MAVSDK sends a heartbeat of its own (onboard computer, state UNINIT) as soon as it has seen a vehicle. The one with our
-true state is sent beside it by the status reporter.
+MAVSDK sends a heartbeat of its own (onboard computer, state UNINIT) as soon as it has seen a vehicle. It is not passed
+on: ground stations would see this component change its state twice a second. The true one is the status reporter's.
 """
 
 from __future__ import annotations
@@ -39,8 +39,9 @@ from companion.autopilot.interface import Handler, LinkError, Message, Stream, T
 from companion.autopilot.parameters import Parameters
 from companion.clock import Clock
 from companion.config.autopilot import AutopilotSettings
+from companion.mavlink.codec import NAMES, Framer, decode
 from companion.mavlink.firmware import AutopilotKind
-from companion.mavlink.ids import MavComponent
+from companion.mavlink.ids import MavComponent, MavState
 from companion.text_table import printable
 
 POLL_S = 0.05
@@ -191,7 +192,7 @@ class MavsdkLink:
             configuration.destroy()
         # The server plugin hears every system and needs none to be discovered before it can send.
         self._direct = MavlinkDirectServer(self._mavsdk.server_component_by_id(MavComponent.ONBOARD_COMPUTER))
-        self._mavsdk.subscribe_raw_bytes_to_be_sent(self._transport.send)
+        self._mavsdk.subscribe_raw_bytes_to_be_sent(self._pass_on)
         opened = self._mavsdk.add_any_connection("raw://")
         if opened is not ConnectionResult.SUCCESS:
             raise LinkError(f"MAVSDK opens no raw connection: {opened.name.lower()}")
@@ -245,6 +246,11 @@ class MavsdkLink:
             return
         self._inbox.put(Message(raw.message_name, fields, received_s, raw.system_id, raw.component_id))
 
+    def _pass_on(self, raw: bytes) -> None:
+        """Called in MAVSDK's threads with what it wants to send."""
+        if not _is_mavsdks_own_heartbeat(raw):
+            self._transport.send(raw)
+
     def _call_soon(self, call: Callable[[], None]) -> None:
         # When the loop has been closed under us, nobody is left to tell.
         with contextlib.suppress(RuntimeError):
@@ -268,6 +274,15 @@ class MavsdkLink:
         self._parameters = None
         if mavsdk_instance is not None:
             mavsdk_instance.destroy()
+
+
+def _is_mavsdks_own_heartbeat(raw: bytes) -> bool:
+    """A HEARTBEAT whose ``system_status`` is UNINIT, which ours never says; MAVSDK speaks MAVLink 2."""
+    (frame, *_) = (*Framer(datagram=True).frames(raw), None)
+    if frame is None or NAMES.get(frame.message_id) != "HEARTBEAT":
+        return False
+    fields = decode(frame)
+    return fields is not None and fields["system_status"] == MavState.UNINIT
 
 
 def _to_wire(value: Any) -> Any:

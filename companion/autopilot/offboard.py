@@ -6,6 +6,7 @@ import asyncio
 import logging
 import math
 from collections.abc import Coroutine
+from dataclasses import astuple
 from typing import Any, TypeVar
 
 from companion.autopilot.interface import Link, LinkError
@@ -98,7 +99,7 @@ class OffboardControl:
             return f"somebody else has the vehicle (mode {self._modes.taken_over})"
         if not self._engaged:
             return "not engaged"
-        if not all(map(math.isfinite, (setpoint.t_s, setpoint.speed_mps, setpoint.climb_mps, setpoint.yaw_rate_radps))):
+        if not all(map(math.isfinite, astuple(setpoint))):
             return "the setpoint is not finite"
         now_s, heartbeat_s = self._clock.now_s(), self._modes.heartbeat_s
         if now_s - heartbeat_s > self._heartbeat_limit_s:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 from collections.abc import Callable
 from typing import Self
 
@@ -20,8 +21,11 @@ from companion.clock import Clock
 from companion.config.settings import Settings
 from companion.errors import CompanionError
 from companion.model import Setpoint
+from companion.station_keeping import STANDS_MPS
 
 LAND_S = 60.0
+STAND_PATIENCE_S = 2.0
+"""Zero velocity has brought both autopilots to stand by then."""
 LEAVE_S = 8.0
 """The end of the block may take this long: two modes to ask for, each shown by a heartbeat."""
 LEAVE_COMMAND_S = 2.0
@@ -58,6 +62,11 @@ class Vehicle:
         Set once, for good.
         """
         return self._modes.taken_over
+
+    @property
+    def by_failsafe(self) -> bool:
+        """Whether it was the autopilot's own failsafe that took it, by its word."""
+        return self._modes.by_failsafe
 
     async def take_off(self, height_m: float, measured_height_m: Callable[[], float | None]) -> None:
         """Arm, take off, and return when the measured height has been within 0.2 m of ``height_m`` for 1 s.
@@ -106,8 +115,7 @@ class Vehicle:
 
     async def hold(self) -> None:
         """Stop and stay: hold on PX4, which refuses it without a global origin, brake on ArduPilot."""
-        self._offboard.release()
-        await self._modes.hold()
+        await self._hold(None)
 
     async def land(self, timeout_s: float = LAND_S) -> bool:
         """Land where it is.
@@ -129,7 +137,6 @@ class Vehicle:
         return self
 
     async def __aexit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
-        self._offboard.release()
         leaving = asyncio.create_task(self._leave())
         cancelled: asyncio.CancelledError | None = None
         while not leaving.done():
@@ -155,6 +162,8 @@ class Vehicle:
                 "failsafe has to end this flight",
                 str(failure) or f"no answer within {LEAVE_S:g} s",
             )
+        finally:
+            self._offboard.release()
 
     async def _end(self) -> None:
         modes, holds = self._modes, self._settings.mission.end_action == "hold"
@@ -166,7 +175,9 @@ class Vehicle:
             return
         if modes.lands(or_holds=holds):
             return
-        end, other = (modes.hold, modes.land) if holds else (modes.land, modes.hold)
+        if not holds:
+            self._offboard.release()
+        end, other = (self._hold, modes.land) if holds else (modes.land, self._hold)
         try:
             await end(LEAVE_COMMAND_S)
         except TakenOver:
@@ -174,6 +185,25 @@ class Vehicle:
         except CompanionError as refusal:
             _log.warning("%s", refusal)
             await other(LEAVE_COMMAND_S)
+
+    async def _hold(self, timeout_s: float | None) -> None:
+        """Come to stand by zero velocity, which ArduCopter's brake needs twice the way for, and stay.
+
+        Args:
+            timeout_s: for the acknowledgement, in s; by default as configured.
+        """
+        if self._offboard.engaged:
+            await self._offboard.while_still(self._until_it_stands())
+        self._offboard.release()
+        await self._modes.hold(timeout_s)
+
+    async def _until_it_stands(self) -> None:
+        begun_s = self._clock.now_s()
+        while self._clock.now_s() - begun_s < STAND_PATIENCE_S:
+            pose = self._telemetry.poses.newest()
+            if pose is not None and math.hypot(pose.vx_mps, pose.vy_mps) < STANDS_MPS:
+                return
+            await self._clock.sleep(POLL_S)
 
     def _risen_m(self) -> float | None:
         pose = self._telemetry.poses.newest()

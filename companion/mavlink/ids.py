@@ -34,6 +34,8 @@ class MavAutopilot(enum.IntEnum):
 class MavState(enum.IntEnum):
     """MAV_STATE of a heartbeat."""
 
+    UNINIT = 0
+    """Says nothing of its state."""
     STANDBY = 3
     """On the ground, or in somebody else's hands."""
     ACTIVE = 4

@@ -34,6 +34,7 @@ class Vehicle:
         self.hangs = ""
         self.patience_s = 60.0
         self.taken_over: str | None = None
+        self.by_failsafe = False
         self.mode, self.armed = "hold", True
         self.leaves_in = "land"
         self._gate = gate

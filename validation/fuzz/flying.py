@@ -33,9 +33,11 @@ from companion.mavlink.modes import personality, px4_mode
 from companion.model import ABSURD, Setpoint
 from companion.pipeline import Explorer, Tick
 from companion.recording import Recorder
+from companion.recording.channels import COMMANDED
 from companion.sensors.drivers.mavlink import MavlinkDriver
 from companion.sensors.sink import RawDepth, SensorSink
 from companion.sensors.synchronizer import Synchronizer
+from companion.station_keeping import MOST_MPS
 from tests.autopilot.fake_link import FakeLink
 from tests.shared.clocks import HandClock
 
@@ -193,7 +195,7 @@ class Flying:
 
     def moves(self, setpoint: Setpoint | None) -> bool:
         """Whether a setpoint asks for any motion."""
-        return setpoint is not None and any((setpoint.speed_mps, setpoint.climb_mps, setpoint.yaw_rate_radps))
+        return setpoint is not None and any(getattr(setpoint, name) for name in COMMANDED)
 
     def _say(self, line: str) -> None:
         """Prints as a terminal in UTF-8 would."""
@@ -215,7 +217,9 @@ def check_setpoint(fields: dict[str, Any]) -> None:
     law = SETTINGS.control
     assert (fields["target_system"], fields["target_component"]) == (1, 1)
     assert (fields["coordinate_frame"], fields["type_mask"]) == (8, 0x5C7)
-    assert -1e-9 <= fields["vx"] <= law.speed_mps + 1e-9, fields
+    # Backward and sideways goes only what has crept away from where it stands.
+    assert -MOST_MPS - 1e-6 <= fields["vx"] <= law.speed_mps + 1e-9, fields
+    assert abs(fields["vy"]) <= MOST_MPS + 1e-6, fields
     assert abs(fields["vz"]) <= law.max_climb_mps + 1e-9, fields
     assert abs(fields["yaw_rate"]) <= law.max_yaw_rate_radps + 1e-9, fields
     assert fields["vy"] == 0.0
