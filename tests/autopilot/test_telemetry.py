@@ -220,7 +220,7 @@ def test_rates_are_asked_for_and_asked_again_only_where_they_are_missing(kind: A
     autopilot.telemetry.ask(autopilot.clock.now_s())
     estimator = 230 if kind is AutopilotKind.PX4 else 193
     assert sorted(autopilot.intervals_asked()) == [
-        (1, 1e6), (30, 2e4), (32, 2e4), (147, 1e6), (estimator, 2e5), (245, 5e5)
+        (1, 1e6), (30, 2e4), (32, 2e4), (147, 1e6), (estimator, 1e5), (245, 5e5)
     ]  # fmt: skip
     autopilot.link.sent.clear()
     for _ in range(200):
