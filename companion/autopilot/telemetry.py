@@ -13,7 +13,7 @@ from companion.autopilot.vehicle_state import StatusText, VehicleState, integer,
 from companion.clock import Clock, ClockAlignment
 from companion.config.settings import Settings
 from companion.frames import NedPose, pose_from_ned
-from companion.mavlink.estimator import ESTIMATOR
+from companion.mavlink.estimator import ESTIMATOR, estimator_valid
 from companion.mavlink.ids import MavCmd, MavModeFlag
 from companion.mavlink.modes import mode_name
 from companion.mavlink.position_jump import Motion, position_jump_m
@@ -131,6 +131,7 @@ class Telemetry:
         pose = self.poses.newest()
         landed = _fresh(self._landed, now_s, STALE_S)
         estimator = _fresh(self._estimator, now_s, STALE_S)
+        estimator_flags = None if estimator is None else integer(estimator, "flags")
         return VehicleState(
             armed=bool(flags & MavModeFlag.SAFETY_ARMED),
             mode="unknown" if custom_mode is None else mode_name(self._link.kind, custom_mode),
@@ -138,8 +139,9 @@ class Telemetry:
             battery_percent=self._battery_percent(now_s),
             heartbeat_age_s=math.inf if heartbeat is None else now_s - heartbeat.received_s,
             pose_age_s=math.inf if pose is None else now_s - pose.t_s,
-            position_valid=estimator is not None and vehicle_state.position_valid(self._link.kind, estimator),
+            position_valid=estimator_flags is not None and estimator_valid(self._link.kind, estimator_flags),
             version=None if self._version.newest is None else vehicle_state.version(self._version.newest),
+            estimator_flags=estimator_flags,
         )
 
     def _battery_percent(self, now_s: float) -> float | None:

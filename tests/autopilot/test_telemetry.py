@@ -294,7 +294,7 @@ def test_what_was_said_long_ago_no_longer_counts() -> None:
         (AutopilotKind.PX4, ESTIMATOR_GOOD, True),
         (AutopilotKind.PX4, ESTIMATOR_GOOD | 1024, True),  # a GPS glitch does not matter underground
         (AutopilotKind.PX4, ESTIMATOR_GOOD | 2048, False),
-        (AutopilotKind.PX4, ESTIMATOR_GOOD | 128, False),
+        (AutopilotKind.PX4, ESTIMATOR_GOOD | 128, True),  # at rest
         (AutopilotKind.PX4, ESTIMATOR_GOOD & ~8, False),
         (AutopilotKind.PX4, ESTIMATOR_GOOD & ~8 | 16, True),
         (AutopilotKind.PX4, ESTIMATOR_GOOD & ~2, False),
@@ -309,7 +309,8 @@ def test_the_estimator_is_healthy_with_a_relative_position(kind: AutopilotKind, 
     autopilot = Autopilot(kind)
     name = "ESTIMATOR_STATUS" if kind is AutopilotKind.PX4 else "EKF_STATUS_REPORT"
     autopilot.link.deliver(name, {"flags": flags})
-    assert autopilot.state().position_valid is valid
+    state = autopilot.state()
+    assert (state.position_valid, state.estimator_flags) == (valid, flags)
 
 
 def test_a_battery_that_sys_status_does_not_measure_is_read_from_battery_status() -> None:
