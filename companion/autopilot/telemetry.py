@@ -6,9 +6,9 @@ import math
 from collections import deque
 from collections.abc import Mapping
 
-from companion.autopilot import vehicle_state
+from companion.autopilot import global_origin, vehicle_state
 from companion.autopilot.interface import Link, Message, Stream
-from companion.autopilot.message_rates import MessageRates, ask, wanted_hz
+from companion.autopilot.message_rates import MessageRates, ask, polled_ids, wanted_hz
 from companion.autopilot.vehicle_state import StatusText, VehicleState, integer, number
 from companion.clock import Clock, ClockAlignment
 from companion.config.settings import Settings
@@ -70,7 +70,7 @@ class Telemetry:
         self._clock = clock
         self._jump_m = settings.safety.pose.jump_m
         self._alignment = ClockAlignment()
-        self._rates = MessageRates(link, wanted_hz(link.kind, settings.autopilot))
+        self._rates = MessageRates(link, wanted_hz(link.kind, settings.autopilot), polled_ids(settings.autopilot))
         self._questions: deque[tuple[int, float]] = deque(maxlen=QUESTIONS)  # ts1, when
         self._begun_s: float | None = None
         self._asked_time_s = -math.inf
@@ -85,6 +85,8 @@ class Telemetry:
         self._battery = link.watch("BATTERY_STATUS")
         self._landed = link.watch("EXTENDED_SYS_STATE")
         self._estimator = link.watch(ESTIMATOR[link.kind])
+        self._origin = link.watch(global_origin.ORIGIN_MESSAGE)
+        self._global_position = link.watch(global_origin.POSITION_MESSAGE)
         link.events("HEARTBEAT", self._on_heartbeat)
         link.events("ATTITUDE", self._on_attitude)
         link.events("LOCAL_POSITION_NED", self._on_position)
@@ -142,6 +144,8 @@ class Telemetry:
             position_valid=estimator_flags is not None and estimator_valid(self._link.kind, estimator_flags),
             version=None if self._version.newest is None else vehicle_state.version(self._version.newest),
             estimator_flags=estimator_flags,
+            origin_set=self._origin.age_s(now_s) <= global_origin.HEARD_S,
+            global_position=self._global_position.age_s(now_s) <= global_origin.HEARD_S,
         )
 
     def _battery_percent(self, now_s: float) -> float | None:

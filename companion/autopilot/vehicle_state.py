@@ -35,6 +35,8 @@ class VehicleState:
         pose_age_s: of the newest complete pose, by the time at which it was measured.
         position_valid: the estimator knows attitude, velocity and a position (relative is enough, GPS is not needed).
         estimator_flags: in which it says so: ESTIMATOR_STATUS (PX4) or EKF_STATUS_REPORT (ArduPilot).
+        origin_set: it says that it has an origin on the globe; asked for without GPS only.
+        global_position: it says where on the globe it is; asked of PX4 without GPS only.
         version: of the firmware, for example "1.15.0" or "4.7.0-dev".
     """
 
@@ -47,6 +49,8 @@ class VehicleState:
     position_valid: bool
     version: str | None
     estimator_flags: int | None = None
+    origin_set: bool = False
+    global_position: bool = False
 
 
 def number(message: Message, name: str) -> float:

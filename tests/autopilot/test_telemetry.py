@@ -30,10 +30,10 @@ ESTIMATOR_GOOD = 1 | 2 | 4 | 8 | 32
 class Autopilot:
     """An autopilot that flies north at 1 m/s and turns, seen through a link with a delay."""
 
-    def __init__(self, kind: AutopilotKind = AutopilotKind.PX4) -> None:
+    def __init__(self, kind: AutopilotKind = AutopilotKind.PX4, settings: Settings | None = None) -> None:
         self.clock = HandClock()
         self.link = FakeLink(self.clock, kind)
-        self.telemetry = Telemetry(self.link, self.clock, Settings())
+        self.telemetry = Telemetry(self.link, self.clock, settings or Settings())
         self.booted_s = BOOTED_S
         self.delay_s = 0.01
         self.answers_time = True
@@ -232,6 +232,48 @@ def test_rates_are_asked_for_and_asked_again_only_where_they_are_missing(kind: A
     asked = [number for number, _ in autopilot.intervals_asked()]
     assert 30 not in asked, "comes as asked"
     assert asked.count(32) == 1, "comes at 10 Hz instead of 50, asked again after 3 s"
+
+
+@pytest.mark.parametrize(
+    ("kind", "gps", "asked"),
+    [
+        (AutopilotKind.PX4, False, {33: 5e5}),
+        (AutopilotKind.PX4, True, {}),
+        (AutopilotKind.ARDUPILOT, False, {}),
+        (AutopilotKind.ARDUPILOT, True, {}),
+    ],
+)
+def test_without_gps_the_origin_and_px4s_global_position_are_asked_for_all_the_time(
+    kind: AutopilotKind, gps: bool, asked: dict[int, float]
+) -> None:
+    """Protects from a landing at 0/0: both are needed to see it coming, here and in the gate, also in flight.
+
+    PX4 sends the origin when it changes and when it is asked for, so it is asked for every second.
+    """
+    autopilot = Autopilot(kind, Settings.model_validate({"autopilot": {"gps": gps}}))
+    autopilot.fly(5.0)
+    intervals = {number: interval_us for number, interval_us in autopilot.intervals_asked() if number in (33, 49)}
+    assert intervals == asked
+    polls = [
+        fields
+        for fields in autopilot.link.sent_named("COMMAND_LONG")
+        if (fields["command"], fields["param1"]) == (MavCmd.REQUEST_MESSAGE, 49.0)
+    ]
+    assert len(polls) == (0 if gps else 5)
+
+
+def test_an_origin_that_is_no_longer_heard_is_not_known() -> None:
+    """Protects from the origin of an autopilot that was restarted and has none any more."""
+    autopilot = Autopilot()
+    state = autopilot.state()
+    assert (state.origin_set, state.global_position) == (False, False)
+    autopilot.link.deliver("GPS_GLOBAL_ORIGIN", {"latitude": 1, "longitude": 1, "altitude": 0})
+    autopilot.link.deliver("GLOBAL_POSITION_INT", {"lat": 1, "lon": 1})
+    state = autopilot.state()
+    assert (state.origin_set, state.global_position) == (True, True)
+    autopilot.clock.advance(4.0)
+    state = autopilot.state()
+    assert (state.origin_set, state.global_position) == (False, False)
 
 
 def test_the_version_is_asked_for_until_it_comes() -> None:

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import shutil
 import tempfile
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
-from companion.autopilot.interface import Link, LinkError
-from companion.autopilot.take_off import send_origin
+from companion.autopilot.interface import Link
 from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle_state import VehicleState
 from companion.clock import Clock, MonotonicClock
 from companion.config.settings import Settings
 from companion.errors import InputError
+from companion.flight.preflight.origin import ORIGIN, origin
 from companion.flight.preflight.parameter_rules import check_rule, parameter_check_names, rules
 from companion.flight.preflight.position import POSE_AGE_S, estimator
 from companion.flight.preflight.result import CheckResult, age
@@ -42,7 +41,17 @@ _LANDED_IN = frozenset({"land", "precision land"})
 
 def check_names(settings: Settings) -> tuple[str, ...]:
     """The names of all checks, as `run_checks` skips them, of both autopilots."""
-    plain = ("link", "autopilot", "attitude", "position", "clock", *_sensor_names(settings), "height", "estimator")
+    plain = (
+        "link",
+        "autopilot",
+        "attitude",
+        "position",
+        "clock",
+        *_sensor_names(settings),
+        "height",
+        "estimator",
+        ORIGIN,
+    )
     return (*plain, "battery", "storage", "disarmed", "mode", BRAKING, *parameter_check_names(settings))
 
 
@@ -59,8 +68,6 @@ async def run_checks(
 ) -> list[CheckResult]:
     """Look at everything that a flight needs. A check that fails is a result, not an error.
 
-    Without GPS the autopilot is told a global origin, which it needs to hold; that changes no setting.
-
     Args:
         link: to the autopilot.
         telemetry: running for a few seconds already, so that rates mean something.
@@ -75,16 +82,15 @@ async def run_checks(
         InputError: ``skip`` names a check that does not exist.
     """
     _refuse_unknown(skip, settings)
-    now_s = (clock or MonotonicClock()).now_s()
-    if not settings.autopilot.gps and "estimator" not in skip:
-        with contextlib.suppress(LinkError):  # the check of the link says it better
-            send_origin(link, now_s)
+    clock = clock or MonotonicClock()
+    now_s = clock.now_s()
     state = telemetry.state(now_s)
     results = [
         *_connection(link, telemetry, state, settings, now_s),
         *_sensors(inputs, settings),
         _height(height_m, settings),
         estimator(link.kind, state, settings.autopilot),
+        *await origin(link, lambda: telemetry.state(clock.now_s()), settings.autopilot),
         _battery(state, settings),
         _storage(settings),
         _disarmed(state),

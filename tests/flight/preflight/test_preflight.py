@@ -30,6 +30,7 @@ GOOD: dict[AutopilotKind, dict[str, float | int]] = {
         "COM_DLL_EXCEPT": 0,
         "COM_LOW_BAT_ACT": 0,
         "EKF2_NOAID_TOUT": 1_000_000,
+        "MPC_XY_CRUISE": 1.0,
         "MPC_XY_VEL_MAX": 12.0,
         "MPC_Z_VEL_MAX_UP": 3.0,
         "MPC_Z_VEL_MAX_DN": 1.5,
@@ -119,6 +120,9 @@ class Bench:
             if i % 50 == 0:
                 self.link.deliver("HEARTBEAT", {"custom_mode": self.mode, "base_mode": 128 if self.armed else 0})
                 self.link.deliver("SYS_STATUS", {"battery_remaining": self.battery})
+                if not self.settings.autopilot.gps:
+                    self.link.deliver("GPS_GLOBAL_ORIGIN", {"latitude": 1, "longitude": 1, "altitude": 0})
+                    self.link.deliver("GLOBAL_POSITION_INT", {"lat": 1, "lon": 1})
                 self.link.deliver("ESTIMATOR_STATUS" if px4 else "EKF_STATUS_REPORT", {"flags": self.flags})
             if self.streams:
                 attitude = dict.fromkeys(("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed"), 0.0)
@@ -224,6 +228,8 @@ async def test_a_folder_that_cannot_be_written_fails_storage(tmp_path: Path) -> 
         (PX4, "NAV_DLL_ACT", 2, 0),
         (PX4, "COM_LOW_BAT_ACT", 3, 0),
         (PX4, "EKF2_NOAID_TOUT", 5_000_000, 1_000_000),
+        (PX4, "MPC_XY_CRUISE", 5.0, 1.0),
+        (PX4, "MPC_XY_CRUISE", 0.0, 1.0),
         (PX4, "MPC_XY_VEL_MAX", 0.1, 0.5),
         (ARDUPILOT, "GUID_TIMEOUT", 3.0, 0.5),
         (ARDUPILOT, "GUID_OPTIONS", 8, 0),
@@ -303,13 +309,6 @@ async def test_without_gps_its_parameters_are_checked_and_need_a_reboot(kind: Au
 async def test_with_gps_the_parameters_of_flying_without_are_not_asked_for(tmp_path: Path) -> None:
     bench = Bench(PX4, tmp_path)
     assert set(WITHOUT_GPS[PX4]).isdisjoint(await bench.check())
-    assert bench.link.sent_named("SET_GPS_GLOBAL_ORIGIN") == []
-
-
-async def test_without_gps_the_autopilot_is_told_an_origin(tmp_path: Path) -> None:
-    bench = Bench(ARDUPILOT, tmp_path, gps=False)
-    (await bench.check())
-    assert len(bench.link.sent_named("SET_GPS_GLOBAL_ORIGIN")) == 1
 
 
 async def test_a_skipped_check_is_on_record_and_stops_nothing(tmp_path: Path) -> None:
