@@ -6,14 +6,14 @@ import math
 from collections import deque
 from collections.abc import Mapping
 
-from companion.autopilot import vehicle_state
+from companion.autopilot import global_origin, vehicle_state
 from companion.autopilot.interface import Link, Message, Stream
-from companion.autopilot.message_rates import MessageRates, ask, wanted_hz
+from companion.autopilot.message_rates import MessageRates, ask, polled_ids, wanted_hz
 from companion.autopilot.vehicle_state import StatusText, VehicleState, integer, number
 from companion.clock import Clock, ClockAlignment
 from companion.config.settings import Settings
 from companion.frames import NedPose, pose_from_ned
-from companion.mavlink.estimator import ESTIMATOR
+from companion.mavlink.estimator import ESTIMATOR, estimator_valid
 from companion.mavlink.ids import MavCmd, MavModeFlag
 from companion.mavlink.modes import mode_name
 from companion.mavlink.position_jump import Motion, position_jump_m
@@ -70,7 +70,7 @@ class Telemetry:
         self._clock = clock
         self._jump_m = settings.safety.pose.jump_m
         self._alignment = ClockAlignment()
-        self._rates = MessageRates(link, wanted_hz(link.kind, settings.autopilot))
+        self._rates = MessageRates(link, wanted_hz(link.kind, settings.autopilot), polled_ids(settings.autopilot))
         self._questions: deque[tuple[int, float]] = deque(maxlen=QUESTIONS)  # ts1, when
         self._begun_s: float | None = None
         self._asked_time_s = -math.inf
@@ -85,6 +85,8 @@ class Telemetry:
         self._battery = link.watch("BATTERY_STATUS")
         self._landed = link.watch("EXTENDED_SYS_STATE")
         self._estimator = link.watch(ESTIMATOR[link.kind])
+        self._origin = link.watch(global_origin.ORIGIN_MESSAGE)
+        self._global_position = link.watch(global_origin.POSITION_MESSAGE)
         link.events("HEARTBEAT", self._on_heartbeat)
         link.events("ATTITUDE", self._on_attitude)
         link.events("LOCAL_POSITION_NED", self._on_position)
@@ -131,6 +133,7 @@ class Telemetry:
         pose = self.poses.newest()
         landed = _fresh(self._landed, now_s, STALE_S)
         estimator = _fresh(self._estimator, now_s, STALE_S)
+        estimator_flags = None if estimator is None else integer(estimator, "flags")
         return VehicleState(
             armed=bool(flags & MavModeFlag.SAFETY_ARMED),
             mode="unknown" if custom_mode is None else mode_name(self._link.kind, custom_mode),
@@ -138,8 +141,11 @@ class Telemetry:
             battery_percent=self._battery_percent(now_s),
             heartbeat_age_s=math.inf if heartbeat is None else now_s - heartbeat.received_s,
             pose_age_s=math.inf if pose is None else now_s - pose.t_s,
-            position_valid=estimator is not None and vehicle_state.position_valid(self._link.kind, estimator),
+            position_valid=estimator_flags is not None and estimator_valid(self._link.kind, estimator_flags),
             version=None if self._version.newest is None else vehicle_state.version(self._version.newest),
+            estimator_flags=estimator_flags,
+            origin_set=self._origin.age_s(now_s) <= global_origin.HEARD_S,
+            global_position=self._global_position.age_s(now_s) <= global_origin.HEARD_S,
         )
 
     def _battery_percent(self, now_s: float) -> float | None:

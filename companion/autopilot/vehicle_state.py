@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass
 
 from companion.autopilot.interface import Message
-from companion.mavlink.estimator import estimator_valid
-from companion.mavlink.firmware import AutopilotKind
 
 LARGEST_INTEGER, LARGEST_NUMBER = 2**64 - 1, 3.5e38
 """Of what MAVLink can say: 64-bit integers and 32-bit floats."""
@@ -36,6 +34,9 @@ class VehicleState:
         heartbeat_age_s: infinite before the first.
         pose_age_s: of the newest complete pose, by the time at which it was measured.
         position_valid: the estimator knows attitude, velocity and a position (relative is enough, GPS is not needed).
+        estimator_flags: in which it says so: ESTIMATOR_STATUS (PX4) or EKF_STATUS_REPORT (ArduPilot).
+        origin_set: it says that it has an origin on the globe; asked for without GPS only.
+        global_position: it says where on the globe it is; asked of PX4 without GPS only.
         version: of the firmware, for example "1.15.0" or "4.7.0-dev".
     """
 
@@ -47,6 +48,9 @@ class VehicleState:
     pose_age_s: float
     position_valid: bool
     version: str | None
+    estimator_flags: int | None = None
+    origin_set: bool = False
+    global_position: bool = False
 
 
 def number(message: Message, name: str) -> float:
@@ -76,12 +80,6 @@ def battery_percent(message: Message) -> float | None:
     """Of a SYS_STATUS or BATTERY_STATUS; -1 on the wire is not measured."""
     percent = number(message, "battery_remaining")
     return percent if 0.0 <= percent <= 100.0 else None
-
-
-def position_valid(kind: AutopilotKind, message: Message) -> bool:
-    """Of an ESTIMATOR_STATUS (PX4) or EKF_STATUS_REPORT (ArduPilot)."""
-    flags = integer(message, "flags")
-    return flags is not None and estimator_valid(kind, flags)
 
 
 def version(message: Message) -> str | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 from pydantic_core import PydanticCustomError
@@ -41,6 +41,12 @@ class AutopilotSettings(Section):
     )
     gps: bool = Field(
         True, description="false: no GPS, the autopilot knows its position from external (visual) odometry only"
+    )
+    odometry_frame: Literal["local_ned", "local_frd"] = Field(
+        "local_ned",
+        description="in which frame the source of the odometry sends ODOMETRY to PX4 without GPS; ignored otherwise. "
+        "local_ned, with any heading, is told an origin and can hold; with local_frd and an origin every landing would "
+        "fly to 0°/0°, so none is told, and hold is a landing",
     )
     silence_s: float = Field(
         0.5,

@@ -12,7 +12,7 @@ from companion.flight.events import Event, EventEmitter
 from companion.flight.gate_client import GateLostError, GateTookOverError
 from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands
 from companion.flight.phase import PhaseEvent
-from companion.flight.preflight.run import LOOK_PERIOD_S
+from companion.flight.preflight.ready import LOOK_PERIOD_S
 from companion.flight.session import Session
 from companion.flight.tasks import background, first_of
 from companion.flight.termination import Conditions, Termination, termination

@@ -16,7 +16,7 @@ from companion.clock import MonotonicClock
 from companion.config.load import load
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
 from sitl.world.connection import TruthUrl
-from sitl.world.mavlink_out import Feed
+from sitl.world.mavlink_out import Feed, LocalFrame
 from sitl.world.odometry import Align, OdometrySettings
 from sitl.world.placement import Scene
 from sitl.world.server import CONTACT, INTERRUPTED, Plan, WorldServer
@@ -74,11 +74,18 @@ def world(
         tuple[float, float] | None,
         typer.Option(metavar="BEGIN LENGTH", help="Blind from BEGIN s after its first estimate, for LENGTH s."),
     ] = None,
+    odometry_frame: Annotated[
+        LocalFrame,
+        typer.Option(help="What PX4 is told of the frame of ODOMETRY (ArduPilot takes local_frd alone)."),
+    ] = LocalFrame.LOCAL_NED,
     odometry_align: Annotated[
         Align, typer.Option(help="x of its frame: the heading at the start, as real trackers, or north.")
     ] = Align.START,
     no_gps: Annotated[
-        bool, typer.Option("--no-gps", help="The autopilot has no GPS: tell it an origin on the globe.")
+        bool,
+        typer.Option(
+            "--no-gps", help="The autopilot has no GPS: tell it an origin on the globe (not PX4 with local_frd)."
+        ),
     ] = False,
     send_distance_sensor: Annotated[
         bool, typer.Option("--send-distance-sensor", help="The beams also go to the autopilot.")
@@ -120,6 +127,7 @@ def world(
             outage_s=odometry_outage,
             align=odometry_align,
         ),
+        frame=odometry_frame,
         gps=not no_gps,
         send_distance_sensor=send_distance_sensor,
         send_obstacle_distance=send_obstacle_distance,

@@ -24,8 +24,8 @@ from sitl.scene.render import DepthRenderer
 from sitl.scene.sensors import SensorRig
 from sitl.world.connection import Connection, TruthUrl
 from sitl.world.contact_monitor import ContactMonitor, Look, Trajectory, write_score
-from sitl.world.handshake import Handshake, wanted_ids
-from sitl.world.mavlink_out import Feed, Outgoing, bins_of_beams, bins_of_planar
+from sitl.world.handshake import Handshake, told_an_origin, wanted_ids
+from sitl.world.mavlink_out import Feed, LocalFrame, Outgoing, bins_of_beams, bins_of_planar
 from sitl.world.odometry import Odometry, OdometrySettings
 from sitl.world.placement import Placer, Scene
 from sitl.world.truth_messages import TruthKind, TruthReader
@@ -52,6 +52,7 @@ class Plan:
     truth_hz: float = 50.0
     feed: Feed = Feed.NONE
     odometry: OdometrySettings = field(default_factory=OdometrySettings)
+    frame: LocalFrame = LocalFrame.LOCAL_NED
     gps: bool = True
     send_distance_sensor: bool = False
     send_obstacle_distance: bool = False
@@ -99,8 +100,9 @@ class WorldServer:
         self._odometry = Odometry(plan.odometry, np.random.default_rng(to_odometry))
         self._connection = Connection(plan.truth, plan.system_id, wanted_ids(plan.truth_from), clock, self._on_message)
         sender = self._connection.mavlink
-        self._outgoing = Outgoing(sender, plan.feed, plan.odometry)
-        self._handshake = Handshake(sender, plan.system_id, self._reader, plan.truth_hz, not plan.gps)
+        self._outgoing = Outgoing(sender, plan.feed, plan.odometry, plan.frame)
+        told = told_an_origin(plan.gps, plan.frame)
+        self._handshake = Handshake(sender, plan.system_id, self._reader, plan.truth_hz, told)
         self._trajectory = Trajectory(plan.trajectory)
         self._newest: tuple[Pose, int] | None = None
         self._restarts_seen = 0

@@ -30,10 +30,10 @@ ESTIMATOR_GOOD = 1 | 2 | 4 | 8 | 32
 class Autopilot:
     """An autopilot that flies north at 1 m/s and turns, seen through a link with a delay."""
 
-    def __init__(self, kind: AutopilotKind = AutopilotKind.PX4) -> None:
+    def __init__(self, kind: AutopilotKind = AutopilotKind.PX4, settings: Settings | None = None) -> None:
         self.clock = HandClock()
         self.link = FakeLink(self.clock, kind)
-        self.telemetry = Telemetry(self.link, self.clock, Settings())
+        self.telemetry = Telemetry(self.link, self.clock, settings or Settings())
         self.booted_s = BOOTED_S
         self.delay_s = 0.01
         self.answers_time = True
@@ -234,6 +234,48 @@ def test_rates_are_asked_for_and_asked_again_only_where_they_are_missing(kind: A
     assert asked.count(32) == 1, "comes at 10 Hz instead of 50, asked again after 3 s"
 
 
+@pytest.mark.parametrize(
+    ("kind", "gps", "asked"),
+    [
+        (AutopilotKind.PX4, False, {33: 5e5}),
+        (AutopilotKind.PX4, True, {}),
+        (AutopilotKind.ARDUPILOT, False, {}),
+        (AutopilotKind.ARDUPILOT, True, {}),
+    ],
+)
+def test_without_gps_the_origin_and_px4s_global_position_are_asked_for_all_the_time(
+    kind: AutopilotKind, gps: bool, asked: dict[int, float]
+) -> None:
+    """Protects from a landing at 0/0: both are needed to see it coming, here and in the gate, also in flight.
+
+    PX4 sends the origin when it changes and when it is asked for, so it is asked for every second.
+    """
+    autopilot = Autopilot(kind, Settings.model_validate({"autopilot": {"gps": gps}}))
+    autopilot.fly(5.0)
+    intervals = {number: interval_us for number, interval_us in autopilot.intervals_asked() if number in (33, 49)}
+    assert intervals == asked
+    polls = [
+        fields
+        for fields in autopilot.link.sent_named("COMMAND_LONG")
+        if (fields["command"], fields["param1"]) == (MavCmd.REQUEST_MESSAGE, 49.0)
+    ]
+    assert len(polls) == (0 if gps else 5)
+
+
+def test_an_origin_that_is_no_longer_heard_is_not_known() -> None:
+    """Protects from the origin of an autopilot that was restarted and has none any more."""
+    autopilot = Autopilot()
+    state = autopilot.state()
+    assert (state.origin_set, state.global_position) == (False, False)
+    autopilot.link.deliver("GPS_GLOBAL_ORIGIN", {"latitude": 1, "longitude": 1, "altitude": 0})
+    autopilot.link.deliver("GLOBAL_POSITION_INT", {"lat": 1, "lon": 1})
+    state = autopilot.state()
+    assert (state.origin_set, state.global_position) == (True, True)
+    autopilot.clock.advance(4.0)
+    state = autopilot.state()
+    assert (state.origin_set, state.global_position) == (False, False)
+
+
 def test_the_version_is_asked_for_until_it_comes() -> None:
     """Protects the pre-flight report on a link that loses the first answer."""
     autopilot = Autopilot()
@@ -294,7 +336,7 @@ def test_what_was_said_long_ago_no_longer_counts() -> None:
         (AutopilotKind.PX4, ESTIMATOR_GOOD, True),
         (AutopilotKind.PX4, ESTIMATOR_GOOD | 1024, True),  # a GPS glitch does not matter underground
         (AutopilotKind.PX4, ESTIMATOR_GOOD | 2048, False),
-        (AutopilotKind.PX4, ESTIMATOR_GOOD | 128, False),
+        (AutopilotKind.PX4, ESTIMATOR_GOOD | 128, True),  # at rest
         (AutopilotKind.PX4, ESTIMATOR_GOOD & ~8, False),
         (AutopilotKind.PX4, ESTIMATOR_GOOD & ~8 | 16, True),
         (AutopilotKind.PX4, ESTIMATOR_GOOD & ~2, False),
@@ -309,7 +351,8 @@ def test_the_estimator_is_healthy_with_a_relative_position(kind: AutopilotKind, 
     autopilot = Autopilot(kind)
     name = "ESTIMATOR_STATUS" if kind is AutopilotKind.PX4 else "EKF_STATUS_REPORT"
     autopilot.link.deliver(name, {"flags": flags})
-    assert autopilot.state().position_valid is valid
+    state = autopilot.state()
+    assert (state.position_valid, state.estimator_flags) == (valid, flags)
 
 
 def test_a_battery_that_sys_status_does_not_measure_is_read_from_battery_status() -> None:

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import shutil
 import tempfile
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
-from companion.autopilot.interface import Link, LinkError
-from companion.autopilot.take_off import send_origin
+from companion.autopilot.interface import Link
 from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle_state import VehicleState
 from companion.clock import Clock, MonotonicClock
 from companion.config.settings import Settings
 from companion.errors import InputError
+from companion.flight.preflight.origin import ORIGIN, origin
 from companion.flight.preflight.parameter_rules import check_rule, parameter_check_names, rules
-from companion.flight.preflight.result import CheckResult
+from companion.flight.preflight.position import POSE_AGE_S, estimator
+from companion.flight.preflight.result import CheckResult, age
 from companion.mavlink.firmware import MEASURED_BRAKE_MPS2
 from companion.model import Beam
 from companion.sensors.statistics import StreamStatistics
@@ -26,7 +26,6 @@ HEARTBEAT_AGE_S = 2.5
 """Two heartbeats may be lost on a link that will do."""
 RATE_SHARE = 0.6
 """Of a rate that was asked for: less is not the jitter of a link but a stream that is not what it should be."""
-POSE_AGE_S = 0.25
 CLOCK_S = 0.03
 STANDING_M = 1.0
 """The beam that looks down cannot be higher than this above the ground on which the vehicle stands."""
@@ -42,7 +41,17 @@ _LANDED_IN = frozenset({"land", "precision land"})
 
 def check_names(settings: Settings) -> tuple[str, ...]:
     """The names of all checks, as `run_checks` skips them, of both autopilots."""
-    plain = ("link", "autopilot", "attitude", "position", "clock", *_sensor_names(settings), "height", "estimator")
+    plain = (
+        "link",
+        "autopilot",
+        "attitude",
+        "position",
+        "clock",
+        *_sensor_names(settings),
+        "height",
+        "estimator",
+        ORIGIN,
+    )
     return (*plain, "battery", "storage", "disarmed", "mode", BRAKING, *parameter_check_names(settings))
 
 
@@ -59,8 +68,6 @@ async def run_checks(
 ) -> list[CheckResult]:
     """Look at everything that a flight needs. A check that fails is a result, not an error.
 
-    Without GPS the autopilot is told a global origin, which it needs to hold; that changes no setting.
-
     Args:
         link: to the autopilot.
         telemetry: running for a few seconds already, so that rates mean something.
@@ -75,16 +82,15 @@ async def run_checks(
         InputError: ``skip`` names a check that does not exist.
     """
     _refuse_unknown(skip, settings)
-    now_s = (clock or MonotonicClock()).now_s()
-    if not settings.autopilot.gps and "estimator" not in skip:
-        with contextlib.suppress(LinkError):  # the check of the link says it better
-            send_origin(link, now_s)
+    clock = clock or MonotonicClock()
+    now_s = clock.now_s()
     state = telemetry.state(now_s)
     results = [
         *_connection(link, telemetry, state, settings, now_s),
         *_sensors(inputs, settings),
         _height(height_m, settings),
-        _estimator(state, settings),
+        estimator(link.kind, state, settings.autopilot),
+        *await origin(link, lambda: telemetry.state(clock.now_s()), settings.autopilot),
         _battery(state, settings),
         _storage(settings),
         _disarmed(state),
@@ -116,7 +122,7 @@ def _connection(
     yield CheckResult(
         "link",
         state.heartbeat_age_s <= HEARTBEAT_AGE_S,
-        f"last heartbeat {_age(state.heartbeat_age_s)}",
+        f"last heartbeat {age(state.heartbeat_age_s)}",
         f"not older than {HEARTBEAT_AGE_S:g} s",
         "Heartbeats come once a second; a link that loses three in a row is not one to fly on.",
         "" if state.heartbeat_age_s <= HEARTBEAT_AGE_S else "look at cable, radio and autopilot.url",
@@ -138,7 +144,7 @@ def _connection(
         yield CheckResult(
             name,
             ok,
-            f"{message} at {rate_hz:.1f} Hz, newest {_age(age_s)}",
+            f"{message} at {rate_hz:.1f} Hz, newest {age(age_s)}",
             f"at least {least_hz:g} Hz, not older than {POSE_AGE_S:g} s",
             "Every depth image is placed by the pose at its own time, interpolated between these messages.",
             ""
@@ -184,7 +190,7 @@ def _sensors(inputs: Mapping[str, StreamStatistics], settings: Settings) -> Iter
         yield CheckResult(
             name,
             ok,
-            f"{rate_hz:.1f} Hz, newest {_age(age_s)}",
+            f"{rate_hz:.1f} Hz, newest {age(age_s)}",
             f"at least {RATE_SHARE * asked_hz:g} Hz, not older than {oldest_s:g} s",
             reason,
             "" if ok else "look at the sensor and at sensors.drivers, or take it out of the settings",
@@ -201,21 +207,6 @@ def _height(height_m: float | None, settings: Settings) -> CheckResult:
         f"above 0 and below {most_m:g} m while it stands",
         "The take-off ends when this measurement says so.",
         "" if ok else "look at the beam that looks down; if it cannot see this near, --skip height",
-    )
-
-
-def _estimator(state: VehicleState, settings: Settings) -> CheckResult:
-    ok = state.position_valid and state.pose_age_s <= 2.0 * POSE_AGE_S
-    by = "GPS" if settings.autopilot.gps else "external odometry; GPS is not waited for"
-    return CheckResult(
-        "estimator",
-        ok,
-        ("position valid" if state.position_valid else "position not valid") + f", pose {_age(state.pose_age_s)}",
-        f"valid and fresh (by {by})",
-        "A velocity means nothing to an autopilot that does not know its own.",
-        ""
-        if ok
-        else "wait until the estimator has settled" + ("" if settings.autopilot.gps else "; is odometry fed to it?"),
     )
 
 
@@ -298,7 +289,3 @@ def braking(settings: Settings) -> CheckResult:
         else f"set control.governor.brake_mps2: {MEASURED_BRAKE_MPS2:g} in the settings file (--fix changes only "
         f"parameters); if this vehicle was measured to brake harder, --skip {BRAKING}",
     )
-
-
-def _age(age_s: float) -> str:
-    return "never came" if math.isinf(age_s) else f"{age_s:.2f} s old"

@@ -18,6 +18,8 @@ SAME = 1e-6
 SETPOINTS_MISSED = 3
 """A failsafe that acts on fewer missed setpoints than this acts on the jitter of a healthy link."""
 
+CRUISE_MPS = 1.0
+
 
 @dataclass(frozen=True, slots=True)
 class Demand:
@@ -115,6 +117,7 @@ def _silence(name: str, settings: Settings) -> Demand:
 
 def _px4(settings: Settings) -> tuple[Rule, ...]:
     control = settings.control
+    cruise_mps = max(CRUISE_MPS, control.speed_mps)
     then = (
         "stops and holds"
         if settings.autopilot.gps
@@ -152,6 +155,12 @@ def _px4(settings: Settings) -> tuple[Rule, ...]:
             ((Demand("EKF2_NOAID_TOUT", "at most 1000000 µs", 1_000_000, low=0.0, high=1e6),),),
             "Without position PX4 flies by dead reckoning for 5 s by default, and reached 1.75 m/s; with 1 s it "
             "descends after 0.75 s.",
+        ),
+        Rule(
+            ((Demand("MPC_XY_CRUISE", f"at most {cruise_mps:g} m/s", cruise_mps, low=0.1, high=cruise_mps),),),
+            "So fast PX4 flies to a place that it has to hold or to land at, which is never further away than the way "
+            "of a stop. Should it ever take a wrong place (0°/0°), the default of 5 m/s was in a wall before anybody "
+            f"could act; {cruise_mps:g} m/s is no more than a brisk walk, and leaves seconds to take it away.",
         ),
         Rule(
             ((_at_least("MPC_XY_VEL_MAX", control.speed_mps),),),

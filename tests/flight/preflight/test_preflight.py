@@ -29,6 +29,7 @@ GOOD: dict[AutopilotKind, dict[str, float | int]] = {
         "COM_DLL_EXCEPT": 0,
         "COM_LOW_BAT_ACT": 0,
         "EKF2_NOAID_TOUT": 1_000_000,
+        "MPC_XY_CRUISE": 1.0,
         "MPC_XY_VEL_MAX": 12.0,
         "MPC_Z_VEL_MAX_UP": 3.0,
         "MPC_Z_VEL_MAX_DN": 1.5,
@@ -97,7 +98,7 @@ class Bench:
         self.height_m: float | None = 0.12
         self.armed = False
         self.battery = 90
-        self.healthy = True
+        self.flags = 511 if kind is PX4 else 0x33F
         self.seconds = 3.0
         self.streams = True
         self.mode = 0x03040000 if kind is PX4 else 4
@@ -117,18 +118,15 @@ class Bench:
             if i % 50 == 0:
                 self.link.deliver("HEARTBEAT", {"custom_mode": self.mode, "base_mode": 128 if self.armed else 0})
                 self.link.deliver("SYS_STATUS", {"battery_remaining": self.battery})
-                self._estimator(px4)
+                if not self.settings.autopilot.gps:
+                    self.link.deliver("GPS_GLOBAL_ORIGIN", {"latitude": 1, "longitude": 1, "altitude": 0})
+                    self.link.deliver("GLOBAL_POSITION_INT", {"lat": 1, "lon": 1})
+                self.link.deliver("ESTIMATOR_STATUS" if px4 else "EKF_STATUS_REPORT", {"flags": self.flags})
             if self.streams:
                 attitude = dict.fromkeys(("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed"), 0.0)
                 self.link.deliver("ATTITUDE", {"time_boot_ms": now_ms, **attitude})
                 position = dict.fromkeys(("x", "y", "z", "vx", "vy", "vz"), 0.0)
                 self.link.deliver("LOCAL_POSITION_NED", {"time_boot_ms": now_ms, **position})
-
-    def _estimator(self, px4: bool) -> None:
-        if px4:
-            self.link.deliver("ESTIMATOR_STATUS", {"flags": 0x3F if self.healthy else 1})
-        else:
-            self.link.deliver("EKF_STATUS_REPORT", {"flags": 0x3F if self.healthy else 1024})
 
     async def check(self, fix: bool = False, skip: Collection[str] = ()) -> dict[str, CheckResult]:
         self.listen()
@@ -165,7 +163,7 @@ async def test_a_vehicle_with_which_everything_is_right_may_fly(kind: AutopilotK
         pytest.param({"armed": True}, {}, ["disarmed"], id="armed"),
         pytest.param({"battery": 20}, {}, ["battery"], id="empty"),
         pytest.param({"battery": -1}, {}, ["battery"], id="unknown battery"),
-        pytest.param({"healthy": False}, {}, ["estimator"], id="lost"),
+        pytest.param({"flags": 229}, {}, ["estimator"], id="lost"),
         pytest.param({"streams": False}, {}, ["attitude", "position", "estimator"], id="no streams"),
         pytest.param({}, {"depth": None}, ["depth"], id="no depth"),
         pytest.param({}, {"depth": reading(2.0)}, ["depth"], id="slow depth"),
@@ -228,6 +226,8 @@ async def test_a_folder_that_cannot_be_written_fails_storage(tmp_path: Path) -> 
         (PX4, "NAV_DLL_ACT", 2, 0),
         (PX4, "COM_LOW_BAT_ACT", 3, 0),
         (PX4, "EKF2_NOAID_TOUT", 5_000_000, 1_000_000),
+        (PX4, "MPC_XY_CRUISE", 5.0, 1.0),
+        (PX4, "MPC_XY_CRUISE", 0.0, 1.0),
         (PX4, "MPC_XY_VEL_MAX", 0.1, 0.5),
         (ARDUPILOT, "GUID_TIMEOUT", 3.0, 0.5),
         (ARDUPILOT, "GUID_OPTIONS", 8, 0),
@@ -307,13 +307,6 @@ async def test_without_gps_its_parameters_are_checked_and_need_a_reboot(kind: Au
 async def test_with_gps_the_parameters_of_flying_without_are_not_asked_for(tmp_path: Path) -> None:
     bench = Bench(PX4, tmp_path)
     assert set(WITHOUT_GPS[PX4]).isdisjoint(await bench.check())
-    assert bench.link.sent_named("SET_GPS_GLOBAL_ORIGIN") == []
-
-
-async def test_without_gps_the_autopilot_is_told_an_origin(tmp_path: Path) -> None:
-    bench = Bench(ARDUPILOT, tmp_path, gps=False)
-    (await bench.check())
-    assert len(bench.link.sent_named("SET_GPS_GLOBAL_ORIGIN")) == 1
 
 
 async def test_a_skipped_check_is_on_record_and_stops_nothing(tmp_path: Path) -> None:

@@ -14,7 +14,8 @@ from pymavlink.dialects.v20 import common as mavlink
 from companion.clock import MonotonicClock
 from companion.errors import InputError
 from sitl.world.connection import Connection, ConnectionCounts, Decoder, TruthUrl, frames
-from sitl.world.handshake import ORIGIN_TRIES, Handshake, wanted_ids
+from sitl.world.handshake import ORIGIN_TRIES, Handshake, told_an_origin, wanted_ids
+from sitl.world.mavlink_out import LocalFrame
 from sitl.world.truth_messages import TruthKind, TruthReader
 from tests.sitl.world.messages import ALT_M, LAT_DEG, Tap, heartbeat, hil
 
@@ -141,10 +142,12 @@ HIL, SIM = 115, 108
 class Talk:
     """A conversation and what it says, second by second."""
 
-    def __init__(self, kind: TruthKind = TruthKind.AUTO, set_origin: bool = False) -> None:
+    def __init__(
+        self, kind: TruthKind = TruthKind.AUTO, gps: bool = True, frame: LocalFrame = LocalFrame.LOCAL_NED
+    ) -> None:
         self.tap = Tap()
         self.reader = TruthReader(kind)
-        self.handshake = Handshake(self.tap.sender, 1, self.reader, 50.0, set_origin)
+        self.handshake = Handshake(self.tap.sender, 1, self.reader, 50.0, told_an_origin(gps, frame))
         self.now_s = 100.0
 
     def go_on(self, seconds: int, truth_hz: int = 0, beats: bool = True, autopilot: int = 12) -> None:
@@ -211,7 +214,7 @@ def test_it_asks_seldom_after_a_while() -> None:
 
 def test_an_origin_is_told_until_it_is_answered() -> None:
     """Where the truth says that it booted; a datagram may be lost, so more than once."""
-    talk = Talk(set_origin=True)
+    talk = Talk(gps=False)
     talk.reader.on_message(hil((0.0, 0.0, 0.0)), 100.0)
     talk.go_on(7)
     origins = talk.tap.named("SET_GPS_GLOBAL_ORIGIN")
@@ -226,7 +229,7 @@ def test_an_origin_is_told_until_it_is_answered() -> None:
 
 def test_an_autopilot_that_never_answers_is_not_told_for_ever(caplog: pytest.LogCaptureFixture) -> None:
     """A line says so, once."""
-    talk = Talk(set_origin=True)
+    talk = Talk(gps=False)
     with caplog.at_level(logging.WARNING):
         talk.go_on(90, truth_hz=50)
     assert len(talk.tap.named("SET_GPS_GLOBAL_ORIGIN")) == ORIGIN_TRIES
@@ -235,7 +238,7 @@ def test_an_autopilot_that_never_answers_is_not_told_for_ever(caplog: pytest.Log
 
 def test_an_autopilot_that_was_started_anew_is_told_again() -> None:
     """It has forgotten: its heartbeats were away for longer than three seconds."""
-    talk = Talk(set_origin=True)
+    talk = Talk(gps=False)
     talk.go_on(4)
     talk.handshake.on_message(mavlink.MAVLink_gps_global_origin_message(1, 2, 3, 0), talk.now_s)
     before = len(talk.tap.named("SET_GPS_GLOBAL_ORIGIN"))
@@ -249,6 +252,14 @@ def test_with_gps_it_keeps_its_origin() -> None:
     talk = Talk()
     talk.go_on(10)
     assert talk.tap.named("SET_GPS_GLOBAL_ORIGIN") == []
+
+
+@pytest.mark.parametrize(("autopilot", "told"), [(12, False), (3, True)])
+def test_px4_that_is_fed_local_frd_is_told_no_origin(autopilot: int, told: bool) -> None:
+    """With both every landing flew to latitude 0, longitude 0; ArduPilot needs both."""
+    talk = Talk(gps=False, frame=LocalFrame.LOCAL_FRD)
+    talk.go_on(10, autopilot=autopilot)
+    assert bool(talk.tap.named("SET_GPS_GLOBAL_ORIGIN")) is told
 
 
 @pytest.mark.parametrize(("beats", "said"), [(False, "nothing received"), (True, "HIL_STATE_QUATERNION")])
