@@ -10,7 +10,7 @@ from companion.autopilot import global_origin, vehicle_state
 from companion.autopilot.interface import Link, Message, Stream
 from companion.autopilot.message_rates import MessageRates, ask, polled_ids, wanted_hz
 from companion.autopilot.vehicle_state import StatusText, VehicleState, integer, number
-from companion.clock import Clock, ClockAlignment
+from companion.clock import CRYSTAL_RATE, Clock, ClockAlignment
 from companion.config.settings import Settings
 from companion.frames import NedPose, pose_from_ned
 from companion.mavlink.estimator import ESTIMATOR, estimator_valid
@@ -23,10 +23,11 @@ from companion.text_table import printable
 
 PERIOD_S = 0.1
 TIMESYNC_FIRST_S = 5.0
-TIMESYNC_QUICK_S = 0.5
-TIMESYNC_SLOW_S = 5.0
+TIMESYNC_QUICK_S, TIMESYNC_S = 0.2, 1.0
+"""Quick at first, while the clocks are not known well, and with an autopilot whose clock is a simulation's: how fast it
+runs changes from second to second."""
 UNCERTAIN_S = 0.02
-"""While the clocks are known no better than this, the quick rate goes on: a simulation that does not keep real time."""
+VERSION_S = 5.0
 QUESTIONS = 16
 """TIMESYNC questions that may be open; older ones are forgotten."""
 TEXTS = 20
@@ -48,8 +49,9 @@ _POSITION = {"north_m": "x", "east_m": "y", "down_m": "z", "v_north_mps": "vx", 
 class Telemetry:
     """Feeds `poses` and knows the `state` of the vehicle. `run` asks the autopilot for what is missing.
 
-    Poses are stamped with the autopilot's ``time_boot_ms``, moved to our clock by TIMESYNC round trips. Where the
-    answers are about another clock than ``time_boot_ms`` the least delay of the messages is used (`ClockAlignment`).
+    Poses are stamped with the autopilot's ``time_boot_ms``, moved to our clock by TIMESYNC round trips, which also tell
+    how much faster or slower it runs. Where the answers are about another clock than ``time_boot_ms`` the least delay
+    of the messages is used (`ClockAlignment`).
 
     Args:
         settings: the rates to ask for, and how far a position may be from where the last one leads.
@@ -104,18 +106,27 @@ class Telemetry:
         if self._begun_s is None:
             self._begun_s = now_s
         self._rates.ask_where_missing(now_s)
-        residual_s = self.clock_residual_s
-        quick = now_s - self._begun_s < TIMESYNC_FIRST_S or residual_s is None or residual_s > UNCERTAIN_S
-        if now_s - self._asked_time_s >= (TIMESYNC_QUICK_S if quick else TIMESYNC_SLOW_S):
+        quick = now_s - self._begun_s < TIMESYNC_FIRST_S or self._clock_uncertain(now_s)
+        if now_s - self._asked_time_s >= (TIMESYNC_QUICK_S if quick else TIMESYNC_S):
             self._ask_time(now_s)
-        if self._version.newest is None and now_s - self._asked_version_s >= TIMESYNC_SLOW_S:
+        if self._version.newest is None and now_s - self._asked_version_s >= VERSION_S:
             self._asked_version_s = now_s
             ask(self._link, MavCmd.REQUEST_MESSAGE, float(AUTOPILOT_VERSION_ID))
 
     @property
     def clock_residual_s(self) -> float | None:
-        """Bound of the error between the autopilot's clock and ours, in s; None until aligned."""
-        return self._alignment.residual_s
+        """Bound of the error of what the autopilot stamps now, in s; None until its clock is aligned with ours."""
+        return self._alignment.residual_s(self._clock.now_s())
+
+    @property
+    def clock_rate(self) -> float | None:
+        """Seconds of the autopilot's clock in one of ours: 0.98 runs 2 % slow; None until it has been heard."""
+        return self._alignment.rate
+
+    @property
+    def clock_round_trip_s(self) -> float | None:
+        """The quickest TIMESYNC round trip of late; None when none is answered, or not by the clock of the stamps."""
+        return self._alignment.round_trip_s
 
     @property
     def texts(self) -> tuple[StatusText, ...]:
@@ -155,6 +166,10 @@ class Telemetry:
             if percent is not None:
                 return percent
         return None
+
+    def _clock_uncertain(self, now_s: float) -> bool:
+        residual_s, rate = self._alignment.residual_s(now_s), self._alignment.rate
+        return residual_s is None or residual_s > UNCERTAIN_S or rate is None or abs(rate - 1.0) > CRYSTAL_RATE
 
     def _ask_time(self, now_s: float) -> None:
         self._asked_time_s = now_s

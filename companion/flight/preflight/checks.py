@@ -14,6 +14,7 @@ from companion.autopilot.vehicle_state import VehicleState
 from companion.clock import Clock, MonotonicClock
 from companion.config.settings import Settings
 from companion.errors import InputError
+from companion.flight.preflight.clock_check import check_clock
 from companion.flight.preflight.origin import ORIGIN, origin
 from companion.flight.preflight.parameter_rules import check_rule, parameter_check_names, rules
 from companion.flight.preflight.position import POSE_AGE_S, estimator
@@ -26,7 +27,6 @@ HEARTBEAT_AGE_S = 2.5
 """Two heartbeats may be lost on a link that will do."""
 RATE_SHARE = 0.6
 """Of a rate that was asked for: less is not the jitter of a link but a stream that is not what it should be."""
-CLOCK_S = 0.03
 STANDING_M = 1.0
 """The beam that looks down cannot be higher than this above the ground on which the vehicle stands."""
 MAP_MB = 200.0
@@ -83,10 +83,13 @@ async def run_checks(
     """
     _refuse_unknown(skip, settings)
     clock = clock or MonotonicClock()
+    # First, since it may wait: what the others look at is as it is after that.
+    clock_result = _skipped("clock") if "clock" in skip else await check_clock(telemetry, clock)
     now_s = clock.now_s()
     state = telemetry.state(now_s)
     results = [
-        *_connection(link, telemetry, state, settings, now_s),
+        *_connection(link, state, settings, now_s),
+        clock_result,
         *_sensors(inputs, settings),
         _height(height_m, settings),
         estimator(link.kind, state, settings.autopilot),
@@ -116,9 +119,7 @@ def _skipped(name: str) -> CheckResult:
     return CheckResult(name, False, "skipped", "", "", skipped=True)
 
 
-def _connection(
-    link: Link, telemetry: Telemetry, state: VehicleState, settings: Settings, now_s: float
-) -> Iterator[CheckResult]:
+def _connection(link: Link, state: VehicleState, settings: Settings, now_s: float) -> Iterator[CheckResult]:
     yield CheckResult(
         "link",
         state.heartbeat_age_s <= HEARTBEAT_AGE_S,
@@ -151,16 +152,6 @@ def _connection(
             if ok
             else f"a faster link, or a lower autopilot.{name}_hz; LOCAL_POSITION_NED comes once there is a position",
         )
-    residual_s = telemetry.clock_residual_s
-    ok = residual_s is not None and residual_s <= CLOCK_S
-    yield CheckResult(
-        "clock",
-        ok,
-        "not aligned" if residual_s is None else f"known to {residual_s * 1e3:.1f} ms",
-        f"to {CLOCK_S * 1e3:g} ms",
-        f"{CLOCK_S * 1e3:g} ms between the clocks of autopilot and camera turn an image by a degree at 0.6 rad/s.",
-        "" if ok else "the autopilot must answer TIMESYNC; a slow or lossy radio between them will not do",
-    )
 
 
 def _sensor_names(settings: Settings) -> tuple[str, ...]:
