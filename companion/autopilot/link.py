@@ -37,6 +37,7 @@ from companion.autopilot.discovery import Neighbours, kind_of
 from companion.autopilot.inbox import Inbox
 from companion.autopilot.interface import Handler, LinkError, Message, Stream, Transport
 from companion.autopilot.parameters import Parameters
+from companion.autopilot.px4_events import Px4Events
 from companion.clock import Clock
 from companion.config.autopilot import AutopilotSettings
 from companion.mavlink.codec import NAMES, Framer, decode
@@ -100,6 +101,7 @@ class MavsdkLink:
         self._mavsdk: Mavsdk | None = None
         self._direct: MavlinkDirectServer | None = None
         self._parameters: Parameters | None = None
+        self._px4_events: Px4Events | None = None
         self.malformed = 0
 
     async def __aenter__(self) -> MavsdkLink:
@@ -131,6 +133,11 @@ class MavsdkLink:
     def system_id(self) -> int:
         """Of the vehicle, and so of this application too."""
         return self._settings.system_id
+
+    @property
+    def arming_problems(self) -> tuple[str, ...]:
+        """See `Link.arming_problems`."""
+        return () if self._px4_events is None else self._px4_events.problems
 
     @property
     def dropped(self) -> int:
@@ -212,18 +219,22 @@ class MavsdkLink:
         if heartbeats.newest is None:
             return False
         kind = kind_of(heartbeats.newest)
-        if kind is None or not await self._in_thread(lambda: self._find_parameters(heartbeats)):
+        if kind is None or not await self._in_thread(lambda: self._find_plugins(heartbeats, kind)):
             return False
         self._kind = kind
+        if self._px4_events is not None:
+            self._subscribe("EVENT")
         return True
 
-    def _find_parameters(self, heartbeats: Stream) -> bool:
-        """MAVSDK's parameter client needs the system as MAVSDK has discovered it, a moment after its heartbeat."""
+    def _find_plugins(self, heartbeats: Stream, kind: AutopilotKind) -> bool:
+        """MAVSDK's plugins need the system as MAVSDK has discovered it, a moment after its heartbeat."""
         if self._mavsdk is None:
             return False
         for system in self._mavsdk.get_systems():
             if system.get_system_id() == self._settings.system_id and system.has_autopilot():
                 self._parameters = Parameters(Param(system), self._in_thread, heartbeats)
+                if kind is AutopilotKind.PX4:
+                    self._px4_events = Px4Events(system, self._inbox.put, self._clock)
                 return True
         return False
 
@@ -244,6 +255,8 @@ class MavsdkLink:
         except (ValueError, AttributeError, RecursionError):
             self.malformed += 1
             return
+        if raw.message_name == "EVENT" and self._px4_events is not None:
+            self._px4_events.on_raw(fields)
         self._inbox.put(Message(raw.message_name, fields, received_s, raw.system_id, raw.component_id))
 
     def _pass_on(self, raw: bytes) -> None:
@@ -272,6 +285,7 @@ class MavsdkLink:
         mavsdk_instance, self._mavsdk = self._mavsdk, None
         self._direct = None
         self._parameters = None
+        self._px4_events = None
         if mavsdk_instance is not None:
             mavsdk_instance.destroy()
 

@@ -20,6 +20,7 @@ ENOUGH = 0.5
 _IDS = {
     "SYS_STATUS": 1,
     "ATTITUDE": 30,
+    "GPS_RAW_INT": 24,
     "LOCAL_POSITION_NED": 32,
     "GLOBAL_POSITION_INT": 33,
     "BATTERY_STATUS": 147,
@@ -32,6 +33,8 @@ POLLED = {"GPS_GLOBAL_ORIGIN": 49}
 """PX4 sends it when it changes and when it is asked for, whatever interval is set."""
 POLL_S = 1.0
 
+GPS_HZ = 10.0
+"""Each fix is sent once, so as often as the receiver has them: the gate notices when none comes."""
 GLOBAL_POSITION_HZ = 2.0
 ESTIMATOR_HZ = 10.0
 """Often enough to stop before a lost estimate has carried the vehicle far: 0.05 m at 0.5 m/s."""
@@ -42,8 +45,11 @@ def wanted_hz(kind: AutopilotKind, settings: AutopilotSettings) -> dict[str, flo
 
     Without GPS PX4 is asked for its global position: where an origin is set and no position comes, it lands elsewhere.
     """
-    globe = {} if settings.gps or kind is not AutopilotKind.PX4 else {"GLOBAL_POSITION_INT": GLOBAL_POSITION_HZ}
-    return globe | {
+    if settings.gps:
+        place = {"GPS_RAW_INT": GPS_HZ}
+    else:
+        place = {"GLOBAL_POSITION_INT": GLOBAL_POSITION_HZ} if kind is AutopilotKind.PX4 else {}
+    return place | {
         "ATTITUDE": settings.attitude_hz,
         "LOCAL_POSITION_NED": settings.position_hz,
         "SYS_STATUS": 1.0,

@@ -144,7 +144,9 @@ class ModeControl:
             if result == MavResult.ACCEPTED:
                 return
             if self._clock.now_s() - began_s >= ARM_PATIENCE_S:
-                raise self.failure(f"the autopilot refuses to arm ({result_name(result)})", began_s)
+                checks = "; ".join(self._link.arming_problems)
+                because = f", because of its own checks: {checks}" if checks else ""
+                raise self.failure(f"the autopilot refuses to arm ({result_name(result)}){because}", began_s)
             await self._clock.sleep(ARM_PERIOD_S)
 
     async def disarm(self, timeout_s: float) -> bool:

@@ -31,6 +31,7 @@ VERSION_S = 5.0
 QUESTIONS = 16
 """TIMESYNC questions that may be open; older ones are forgotten."""
 TEXTS = 20
+SAID_TWICE_S = 0.5
 LONGEST_TEXT = 200
 """A STATUSTEXT has 50 bytes, and one in several pieces is not put together here."""
 STALE_S = 3.0
@@ -254,7 +255,11 @@ class Telemetry:
             self._texts.pop()
             text = self._whole + text
         self._piece, self._whole = piece, text[:LONGEST_TEXT]
-        self._texts.append(StatusText(message.received_s, severity, printable(self._whole)))
+        said = StatusText(message.received_s, severity, printable(self._whole.strip()))
+        # PX4 says the same in a STATUSTEXT and in an EVENT where it has heard a ground station.
+        last = self._texts[-1] if self._texts else None
+        if last is None or last.text != said.text or said.received_s - last.received_s > SAID_TWICE_S:
+            self._texts.append(said)
 
 
 def _fresh(stream: Stream, now_s: float, longest_s: float) -> Message | None:

@@ -17,6 +17,7 @@ ALWAYS = frozenset(
         "PARAM_REQUEST_READ",
         "PARAM_REQUEST_LIST",
         "MISSION_REQUEST_LIST",
+        "REQUEST_EVENT",
         "SET_GPS_GLOBAL_ORIGIN",
         "COMMAND_ACK",
         "STATUSTEXT",
@@ -25,6 +26,11 @@ ALWAYS = frozenset(
     }
 )
 """Of the application: what moves nothing."""
+
+FILES = "FILE_TRANSFER_PROTOCOL"
+READS_FILES = frozenset({1, 2, 3, 4, 5, 14, 15})
+"""Operations on the autopilot's files that change none: to end, to list, to open for reading, to read, to check. The
+texts of PX4's events are in one."""
 
 ASKING = frozenset(
     {

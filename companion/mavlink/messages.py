@@ -69,6 +69,7 @@ _TABLE = """
   f yaw_rate H type_mask B target_system B target_component B coordinate_frame
 102 VISION_POSITION_ESTIMATE 158: Q usec f x f y f z f roll f pitch f yaw 84xB reset_counter
 103 VISION_SPEED_ESTIMATE 208: Q usec f x f y f z 36xB reset_counter
+110 FILE_TRANSFER_PROTOCOL 84: B target_network B target_system B target_component 3xB opcode 247x
 111 TIMESYNC 34: q tc1 q ts1
 147 BATTERY_STATUS 154: i current_consumed i energy_consumed h temperature 20xh current_battery B id
   B battery_function B type b battery_remaining i time_remaining B charge_state 8xB mode I fault_bitmask
@@ -83,6 +84,7 @@ _TABLE = """
 253 STATUSTEXT 83: B severity 50s text H id B chunk_seq
 331 ODOMETRY 91: Q time_usec f x f y f z 16xf vx f vy f vz f rollspeed f pitchspeed f yawspeed 168xB frame_id
   B child_frame_id B reset_counter B estimator_type b quality
+412 REQUEST_EVENT 33: H first_sequence H last_sequence B target_system B target_component
 """
 
 
