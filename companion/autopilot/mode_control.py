@@ -100,6 +100,10 @@ class ModeControl:
         if self.taken_over is not None:
             raise TakenOver(f"{self._whose()}: the application keeps its hands off")
 
+    def may_disarm(self) -> None:
+        """From now on the vehicle may disarm in the mode that it is in: it is landed by setpoints."""
+        self._monitor.request(self._monitor.ours, may_disarm=True)
+
     def lands(self, or_holds: bool = False) -> bool:
         """Whether the autopilot shows that it lands, or if wanted that it holds, because we asked for that."""
         monitor = self._judged()

@@ -24,6 +24,8 @@ from companion.model import Setpoint
 from companion.station_keeping import STANDS_MPS
 
 LAND_S = 60.0
+LAND_MPS = 0.3
+"""Downward, where we land by setpoints: slow enough to touch down with."""
 STAND_PATIENCE_S = 2.0
 """Zero velocity has brought both autopilots to stand by then."""
 LEAVE_S = 8.0
@@ -123,13 +125,32 @@ class Vehicle:
         Returns:
             True when it has landed and disarmed, False when that took longer than ``timeout_s``: it lands on.
         """
-        self._offboard.release()
         give_up_s = self._clock.now_s() + timeout_s
+        if self._lands_elsewhere():
+            return await self._descend(give_up_s)
+        self._offboard.release()
         await self._modes.land()
         while self._modes.maybe_armed:
             self._modes.check_ours()
             if self._clock.now_s() > give_up_s:
                 return False
+            await self._clock.sleep(POLL_S)
+        return True
+
+    def _lands_elsewhere(self) -> bool:
+        """Whether the autopilot's own landing would fly to 0°/0° first: it has an origin and no global position."""
+        state = self._telemetry.state(self._clock.now_s())
+        return self._offboard.engaged and state.origin_set and not state.global_position
+
+    async def _descend(self, give_up_s: float) -> bool:
+        """Land by setpoints, where it is; the autopilot disarms when it is down. Gives as `land` does."""
+        _log.warning("landing by setpoints: the autopilot's own landing would fly to 0°/0°")
+        self._modes.may_disarm()
+        while self._modes.maybe_armed:
+            self._modes.check_ours()
+            if self._clock.now_s() > give_up_s:
+                return False
+            self._offboard.send(Setpoint(self._clock.now_s(), 0.0, -LAND_MPS, 0.0))
             await self._clock.sleep(POLL_S)
         return True
 

@@ -207,7 +207,8 @@ class Gate:
             because = self._escalation.because
             # Down and disarmed, or in other hands, nothing "is well" again: it is over.
             if self.airborne or self.stage is not Stage.PASS:
-                self._outgoing.say(f"{self.stage.name.lower()}: {because or 'all is well'}", because, urgent=True)
+                why = because or ("all is well" if self.stage is Stage.PASS else "ordered")
+                self._outgoing.say(f"{self.stage.name.lower()}: {why}", because, urgent=True)
         return answers + self._outgoing.due(self.stage, self.airborne, now_s)
 
     def _notice_flight_end(self) -> None:
@@ -268,6 +269,9 @@ class Gate:
         if reason is not None or asked.stands_still:
             return reason
         beat, phase = self._monitor.beat, self._monitor.phase
+        if phase is Phase.ENDING and asked.only_sinks:
+            # Where the autopilot's own landing would fly away, the application lands by setpoints.
+            return None
         if phase not in (Phase.CLIMBING, Phase.EXPLORING):
             return f"in phase {phase.name.lower()}"
         if asked.speed_mps > 0.0 and (phase is Phase.CLIMBING or beat is None or math.isnan(beat.ahead_m)):
@@ -300,6 +304,10 @@ class Gate:
                 )
             )
             return Verdict(None, "command refused")
+        if self._vehicle.lands_elsewhere(now_s) and self._lands(command, fields):
+            self._escalation.force(Stage.LAND)
+            self._outgoing.note("the autopilot's own landing would fly away: landing by setpoints")
+            return Verdict(None, "landing that would fly away")
         self._vehicle.on_command_sent(command, fields, MavComponent.ONBOARD_COMPUTER)
         return Verdict(frame.raw)
 
@@ -320,6 +328,12 @@ class Gate:
         if mode == ours.offboard:
             return self.stage is Stage.PASS
         return mode == ours.land or (mode == ours.hold and self.stage < Stage.LAND)
+
+    def _lands(self, command: int, fields: Fields) -> bool:
+        ours = self._vehicle.personality
+        if command == MavCmd.NAV_LAND:
+            return True
+        return command == MavCmd.DO_SET_MODE and allowlist.mode_asked_for(ours.kind, fields) == ours.land
 
     def _may_begin(self, now_s: float) -> bool:
         return self.stage is Stage.PASS and self._monitor.beat_age_s(now_s) <= ARMING_BEAT_S
