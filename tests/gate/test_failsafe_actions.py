@@ -28,7 +28,7 @@ class Scene:
     """An answer with all that it needs; the vehicle is armed in the mode of setpoints, and heard all the time."""
 
     def __init__(self, kind: AutopilotKind = AutopilotKind.PX4, *, steered: bool = True, at_s: float = 64.0) -> None:
-        self.vehicle = Vehicle(0.5)
+        self.vehicle = Vehicle(PLAN.thresholds)
         self.monitor = FaultMonitor(PLAN, self.vehicle)
         self.escalation = Escalation(PLAN.reactions, PLAN.recover_s)
         self.failsafe = FailsafeActions(PLAN, self.vehicle, self.monitor, self.escalation, Outgoing(1))
@@ -47,7 +47,7 @@ class Scene:
         return self.escalation.stage
 
     def show(self, mode: int, now_s: float) -> None:
-        fields = {"autopilot": AUTOPILOT_NUMBER[self.kind], "base_mode": 128, "custom_mode": mode}
+        fields = {"autopilot": AUTOPILOT_NUMBER[self.kind], "base_mode": 128, "custom_mode": mode, "system_status": 4}
         self.vehicle.on_message("HEARTBEAT", fields, now_s)
 
     def ask(self, mode: int) -> None:

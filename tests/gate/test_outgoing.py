@@ -82,7 +82,7 @@ def test_the_log_and_the_application_are_told_all_of_it() -> None:
 
 def test_a_stop_is_a_setpoint_of_nothing() -> None:
     """Protects the one message that everything rests on: for our autopilot, velocity alone, all of it zero."""
-    number, fields = said(Outgoing(SYSTEM).stop(4_294_969.5))
+    number, fields = said(Outgoing(SYSTEM).velocity(0.0, 0.0, 0.0, 4_294_969.5))
     assert number == 84
     assert fields.pop("time_boot_ms") == 2204, "wraps round after 49 days"
     assert fields.pop("target_system") == SYSTEM
