@@ -235,7 +235,7 @@ def test_a_person_on_the_ground_stops_it_for_good(target: int, through: str) -> 
     air.run(10.0)
     assert air.stage() is Stage.HOLD, "and no landing where nobody asked for one"
     acks = [fields for _, name, fields in air.sent if name == "COMMAND_ACK"]
-    assert [ack["target_system"] for ack in acks] == ([255] if target == 192 else [])
+    assert [ack["target_system"] for ack in acks] == ([255] if target != 191 else [])
 
 
 def test_an_application_that_died_is_not_waited_for() -> None:
