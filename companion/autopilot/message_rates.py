@@ -18,6 +18,7 @@ ENOUGH = 0.5
 
 _IDS = {
     "SYS_STATUS": 1,
+    "GPS_RAW_INT": 24,
     "ATTITUDE": 30,
     "LOCAL_POSITION_NED": 32,
     "BATTERY_STATUS": 147,
@@ -29,10 +30,14 @@ _IDS = {
 ESTIMATOR_HZ = 10.0
 """Often enough to stop before a lost estimate has carried the vehicle far: 0.05 m at 0.5 m/s."""
 
+GPS_HZ = 5.0
+"""Of the position fix, which the gate misses after `safety.stale.gps_s`; ArduPilot tells it only to who asks."""
+
 
 def wanted_hz(kind: AutopilotKind, settings: AutopilotSettings) -> dict[str, float]:
-    """Message name -> rate for everything that telemetry reads."""
-    return {
+    """Message name -> rate for everything that telemetry and the safety gate read."""
+    fix = {"GPS_RAW_INT": GPS_HZ} if settings.gps else {}
+    return fix | {
         "ATTITUDE": settings.attitude_hz,
         "LOCAL_POSITION_NED": settings.position_hz,
         "SYS_STATUS": 1.0,
