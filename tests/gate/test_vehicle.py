@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from companion.gate.vehicle import Vehicle
+from companion.gate.vehicle import NOWHERE_S, Vehicle
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.mode_monitor import DISARMED
 from companion.mavlink.modes import personality, px4_mode
@@ -362,3 +362,58 @@ def test_positions_are_believed_by_whether_it_is_armed() -> None:
     heartbeat(vehicle, PX4.offboard, 6.0, armed=False)
     vehicle.on_message("LOCAL_POSITION_NED", still | {"time_boot_ms": 1e3}, 7.0)
     assert vehicle.motion.fresh_s == 7.0
+
+
+ORIGIN: dict[str, Any] = {"latitude": 1, "longitude": 1, "altitude": 1}
+
+
+def test_where_an_origin_is_no_place_px4_lands_elsewhere() -> None:
+    """Protects from PX4's landing with LOCAL_FRD and an origin: it takes 0/0 for where it is, and flies there."""
+    vehicle = ours()
+    assert not vehicle.lands_elsewhere(99.0), "without an origin it lands in place"
+    vehicle.on_message("GPS_GLOBAL_ORIGIN", ORIGIN, 4.0)
+    vehicle.on_message("GPS_GLOBAL_ORIGIN", ORIGIN, 6.0)
+    assert not vehicle.lands_elsewhere(4.0 + NOWHERE_S), "the position may follow yet"
+    assert vehicle.lands_elsewhere(4.0 + NOWHERE_S + 0.0625)
+    vehicle.on_message("GLOBAL_POSITION_INT", {}, 8.0)
+    assert not vehicle.lands_elsewhere(99.0)
+
+
+def test_ardupilot_lands_where_it_is() -> None:
+    """Protects ArduCopter's own landing, which needs no place on the globe."""
+    vehicle = Vehicle(PLAN.thresholds)
+    heartbeat(vehicle, 4, 1.0, autopilot=3)
+    vehicle.on_message("GPS_GLOBAL_ORIGIN", ORIGIN, 1.0)
+    assert not vehicle.lands_elsewhere(99.0)
+
+
+@pytest.mark.parametrize(("status", "by_failsafe"), [(3, False), (4, False), (5, True), (6, True)])
+def test_a_failsafe_of_the_autopilot_is_told_from_a_person(status: int, by_failsafe: bool) -> None:
+    """Protects what the pilot reads: PX4 and ArduCopter are CRITICAL in a failsafe, EMERGENCY in a worse one."""
+    vehicle = ours()
+    fields = {"autopilot": 12, "base_mode": 128, "custom_mode": PX4.hold, "system_status": status}
+    vehicle.on_message("HEARTBEAT", fields, 4.0)
+    assert (vehicle.taken_over, vehicle.by_failsafe) == ("hold", by_failsafe)
+
+
+def test_it_is_steered_once_the_mode_of_setpoints_shows() -> None:
+    """Protects from comparing what is flown with setpoints that nobody takes."""
+    vehicle = ours()
+    assert vehicle.steered
+    mode(vehicle, PX4.hold)
+    assert not vehicle.steered
+    heartbeat(vehicle, PX4.hold, 4.0)
+    assert not vehicle.steered
+    mode(vehicle, PX4.offboard)
+    assert not vehicle.steered
+    heartbeat(vehicle, PX4.offboard, 5.0)
+    assert vehicle.steered
+
+
+def test_a_new_flight_misses_nothing_of_the_last() -> None:
+    """Protects it from the odometry, the fix and the estimator that the one before had."""
+    vehicle = ours()
+    vehicle.on_message("GPS_RAW_INT", {"fix_type": 3}, 4.0)
+    assert vehicle.aiding.gps_s == 4.0
+    vehicle.end_flight()
+    assert vehicle.aiding.gps_s == -math.inf
