@@ -24,11 +24,13 @@ LAND_MPS = 0.3
 
 PLACELESS = frozenset(
     {
-        Fault.POSE_STALE, Fault.POSE_JUMP, Fault.POSE_FROZEN, Fault.ESTIMATOR, Fault.AIDING_LOST, Fault.GPS_LOST,
-        Fault.ODOMETRY_SILENT, Fault.NOT_OBEYED,
+        Fault.POSE_JUMP, Fault.POSE_FROZEN, Fault.ESTIMATOR, Fault.AIDING_LOST, Fault.GPS_LOST, Fault.ODOMETRY_SILENT,
+        Fault.NOT_OBEYED,
     }
 )  # fmt: skip
-"""While one of these counts the position is not believed: to go back to a place by it would be to fly by it."""
+"""While one of these counts the position is not believed: to go back to a place by it would be to fly by it. Whether it
+is fresh the gate sees for itself: `Fault.POSE_STALE` is also what an application has that hangs, and that is when it has
+to stand."""
 UNSTOPPABLE = frozenset({Fault.POSE_FROZEN, Fault.ESTIMATOR, Fault.NOT_OBEYED})
 """While one of these counts zero velocity means nothing: nobody waits for it to work."""
 
