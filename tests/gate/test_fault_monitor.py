@@ -48,7 +48,9 @@ def moved(**changes: float) -> dict[str, float]:
 def vehicle() -> Vehicle:
     """One of which all is well, at `NOW_S`."""
     found = Vehicle(PLAN.thresholds)
-    found.on_message("HEARTBEAT", {"autopilot": 12, "base_mode": 128, "custom_mode": 6 << 16, "system_status": 4}, NOW_S)
+    found.on_message(
+        "HEARTBEAT", {"autopilot": 12, "base_mode": 128, "custom_mode": 6 << 16, "system_status": 4}, NOW_S
+    )
     found.on_message("LOCAL_POSITION_NED", moved(), NOW_S)
     found.on_message("ATTITUDE", {"yaw": 0.0}, NOW_S)
     found.on_command_sent(176, {"param2": 6.0, "param3": 0.0}, 191)

@@ -228,7 +228,9 @@ def test_a_person_on_the_ground_stops_it_for_good(target: int, through: str) -> 
     if through == "autopilot":
         air.tell("COMMAND_LONG", GROUND[1], GROUND[0], **order)
     else:
-        passes = air.gate.on_attached_message(frame("COMMAND_LONG", GROUND[1], GROUND[0], **order), "command", air.now_s)
+        passes = air.gate.on_attached_message(
+            frame("COMMAND_LONG", GROUND[1], GROUND[0], **order), "command", air.now_s
+        )
         assert not passes, "a pause that ArduCopter hears as well freezes it in guided"
     air.run(0.05)
     assert air.stage() is Stage.BRAKE

@@ -131,7 +131,11 @@ def test_what_is_urgent_waits_for_nothing() -> None:
     assert texts(outgoing, 0.0625) == ["gate: brake: fault", "gate: hold: fault"], "in their order"
     assert texts(outgoing, 0.5) == []
     assert texts(outgoing, 0.5625) == ["gate: fault 1"], "then the others go on, half a second after it"
-    assert [text for _, text in outgoing.drain_notices()] == [*(f"fault {i}" for i in range(8)), "brake: fault", "hold: fault"]
+    assert [text for _, text in outgoing.drain_notices()] == [
+        *(f"fault {i}" for i in range(8)),
+        "brake: fault",
+        "hold: fault",
+    ]
 
 
 def test_of_what_is_urgent_the_newest_four_wait() -> None:
