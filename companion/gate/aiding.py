@@ -39,7 +39,7 @@ class Aiding:
         self.gps_s = self.odometry_s = -math.inf
         self.gps_fix = 0
         self._odometry: tuple[float, ...] | None = None
-        self._figures: tuple[float, ...] | None = None
+        self._figures: tuple[float | None, ...] | None = None
         self._figures_s = self._changed_s = -math.inf
 
     def on_gps(self, fields: Mapping[str, Any], now_s: float) -> None:
@@ -51,15 +51,17 @@ class Aiding:
     def on_odometry(self, fields: Mapping[str, Any], now_s: float) -> None:
         """One ODOMETRY or VISION_POSITION_ESTIMATE for the autopilot.
 
-        One that repeats the last bit for bit is none: a tracker that hangs says the same again and again.
+        One that repeats the last bit for bit is none: a tracker that hangs says the same again and again. Nor is one
+        without a number.
         """
         place = tuple(fields[name] for name in ("x", "y", "z"))
-        if place != self._odometry:
+        if all(map(math.isfinite, place)) and place != self._odometry:
             self._odometry, self.odometry_s = place, now_s
 
     def on_estimator(self, kind: AutopilotKind, fields: Mapping[str, Any], now_s: float) -> None:
         """One ESTIMATOR_STATUS or EKF_STATUS_REPORT."""
-        figures = tuple(fields[name] for name in FIGURES[kind])
+        # PX4 says NaN where nothing is measured; no NaN is equal to another, and each would pass for news.
+        figures = tuple(None if math.isnan(fields[name]) else fields[name] for name in FIGURES[kind])
         if figures != self._figures:
             self._figures, self._changed_s = figures, now_s
         self._figures_s = now_s

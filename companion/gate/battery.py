@@ -15,6 +15,8 @@ from companion.mavlink.ids import MavBatteryChargeState, MavState
 SAG_S = 5.0
 """A voltage must stay low for so long: it sags for a moment whenever the motors pull."""
 UNKNOWN_MV = 65535
+SPENT = frozenset(MavBatteryChargeState) - {MavBatteryChargeState.LOW}
+"""What does not wait for a second opinion."""
 
 
 class Battery:
@@ -63,7 +65,7 @@ class Battery:
             return f"{self.percent:.0f} %"
         if self.voltage_v is not None and now_s - self._low_since_s >= SAG_S:
             return f"{self.voltage_v:.2f} V"
-        if self._charge_state >= MavBatteryChargeState.CRITICAL:
+        if self._charge_state in SPENT:
             return "critical, says the autopilot"
         if self._charge_state == MavBatteryChargeState.LOW and self._critical:
             return "low, says the autopilot"

@@ -24,11 +24,13 @@ LAND_MPS = 0.3
 
 PLACELESS = frozenset(
     {
-        Fault.POSE_STALE, Fault.POSE_JUMP, Fault.POSE_FROZEN, Fault.ESTIMATOR, Fault.AIDING_LOST, Fault.GPS_LOST,
-        Fault.ODOMETRY_SILENT, Fault.NOT_OBEYED,
+        Fault.POSE_JUMP, Fault.POSE_FROZEN, Fault.ESTIMATOR, Fault.AIDING_LOST, Fault.GPS_LOST, Fault.ODOMETRY_SILENT,
+        Fault.NOT_OBEYED,
     }
 )  # fmt: skip
-"""While one of these counts the position is not believed: to go back to a place by it would be to fly by it."""
+"""While one of these counts the position is not believed: to go back to a place by it would be to fly by it. Whether it
+is fresh the gate sees for itself: `Fault.POSE_STALE` is also what an application has that hangs, and that is when it has
+to stand."""
 UNSTOPPABLE = frozenset({Fault.POSE_FROZEN, Fault.ESTIMATOR, Fault.NOT_OBEYED})
 """While one of these counts zero velocity means nothing: nobody waits for it to work."""
 
@@ -96,13 +98,13 @@ class FailsafeActions:
         """Stand, once a period. A vehicle that was never steered by setpoints is not stopped by them.
 
         PX4's own take-off ignores them and ArduPilot's would be suppressed; each goes straight up and ends by itself,
-        and hold comes with its own delay.
+        and hold comes with its own delay. To go down they are needed in any case: PX4 takes the mode only with them.
 
         Args:
             now_s: the time.
             down_mps: what to ask for downward; None: it keeps its height.
         """
-        if self._monitor.asked is None or now_s - self._stop_s < self._plan.period_s:
+        if (self._monitor.asked is None and down_mps is None) or now_s - self._stop_s < self._plan.period_s:
             return []
         self._stop_s = now_s
         forward_mps, right_mps, kept_mps = self._back_to_the_place(now_s)

@@ -156,7 +156,7 @@ class Gate:
         fields = decode(frame) if (name in READ if own else name in ORDERS) else None
         if own:
             self._vehicle.on_message(name if fields is not None else None, fields or {}, now_s)
-            if name == "LOCAL_POSITION_NED":
+            if name == "LOCAL_POSITION_NED" and self._vehicle.motion.fresh_s == now_s:
                 self._monitor.on_position(now_s)
         elif fields is not None:
             self._on_foreign_command(fields, frame)
@@ -348,7 +348,8 @@ class Gate:
         if fields["target_system"] not in (0, self._plan.system_id) or fields["target_component"] not in STOPPABLE:
             return False
         self._monitor.stop_ordered = True
-        if fields["target_component"] in (MavComponent.AUTOPILOT1, MavComponent.ONBOARD_COMPUTER2):
+        # The application answers for itself; nobody else is left who does.
+        if fields["target_component"] != MavComponent.ONBOARD_COMPUTER:
             self._answers.append(
                 self._outgoing.acknowledge(
                     MavCmd.DO_PAUSE_CONTINUE, MavResult.ACCEPTED, frame.system_id, frame.component_id

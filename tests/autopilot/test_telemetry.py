@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.autopilot.message_rates import wanted_hz
 from companion.autopilot.telemetry import TEXTS, Telemetry
 from companion.autopilot.vehicle_state import VehicleState
 from companion.config.settings import Settings
@@ -187,7 +188,7 @@ def test_a_restart_of_the_autopilot_forgets_the_poses_and_asks_for_everything_ag
     assert autopilot.telemetry.restarts == 1
     assert autopilot.telemetry.poses.newest() is None
     autopilot.fly(0.2)
-    assert len(autopilot.intervals_asked()) == 6
+    assert len(autopilot.intervals_asked()) == 7
     assert autopilot.clock.now_s() - autopilot.pose().t_s < 0.05
 
 
@@ -220,7 +221,7 @@ def test_rates_are_asked_for_and_asked_again_only_where_they_are_missing(kind: A
     autopilot.telemetry.ask(autopilot.clock.now_s())
     estimator = 230 if kind is AutopilotKind.PX4 else 193
     assert sorted(autopilot.intervals_asked()) == [
-        (1, 1e6), (30, 2e4), (32, 2e4), (147, 1e6), (estimator, 1e5), (245, 5e5)
+        (1, 1e6), (24, 1e5), (30, 2e4), (32, 2e4), (147, 1e6), (estimator, 1e5), (245, 5e5)
     ]  # fmt: skip
     autopilot.link.sent.clear()
     for _ in range(200):
@@ -274,6 +275,15 @@ def test_an_origin_that_is_no_longer_heard_is_not_known() -> None:
     autopilot.clock.advance(4.0)
     state = autopilot.state()
     assert (state.origin_set, state.global_position) == (False, False)
+
+
+@pytest.mark.parametrize("kind", list(AutopilotKind))
+def test_the_position_fix_is_asked_for_where_it_flies_by_gps(kind: AutopilotKind) -> None:
+    """Protects the gate's sight of a lost fix: ArduPilot tells it only to who asks, oftener than the gate misses it."""
+    settings = Settings()
+    with_gps = wanted_hz(kind, settings.autopilot.model_copy(update={"gps": True}))
+    assert 2.0 / with_gps["GPS_RAW_INT"] < settings.safety.stale.gps_s, "one may be lost"
+    assert "GPS_RAW_INT" not in wanted_hz(kind, settings.autopilot.model_copy(update={"gps": False}))
 
 
 def test_the_version_is_asked_for_until_it_comes() -> None:

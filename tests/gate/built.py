@@ -51,7 +51,7 @@ PLAN = Plan(
     ),
     reactions=dict.fromkeys(Fault, Reaction(Stage.BRAKE, 5.0, 30.0)) | {Fault.MAP: Reaction(Stage.PASS, None, None)},
     recover_s=1.0,
-    stopping=Stopping(delay_s=0.15, brake_mps2=0.8),
+    stopping=Stopping(delay_s=0.15, brake_mps2=0.8, creep_m=0.0),
     attached=(),
     signing=None,
     command=("true",),

@@ -117,7 +117,7 @@ def test_a_message_that_is_not_known_does_not_pass_down() -> None:
 
     (found,) = Framer().frames(unknown)
     assert in_the_air().ask(found) is None
-    assert in_the_air().gate.on_attached_message(found, "command"), "a ground station's may be anything"
+    assert in_the_air().gate.on_attached_message(found, "command", 0.0), "a ground station's may be anything"
 
 
 def test_what_attached_ones_may_send() -> None:
@@ -127,7 +127,7 @@ def test_what_attached_ones_may_send() -> None:
     feed = frame("ODOMETRY", 197)
     mode = frame("COMMAND_LONG", GROUND[1], GROUND[0], target_system=1, target_component=1, command=176)
     found = {
-        may: [air.gate.on_attached_message(sent, may) for sent in (beat, steer, feed, mode)]
+        may: [air.gate.on_attached_message(sent, may, air.now_s) for sent in (beat, steer, feed, mode)]
         for may in ("read", "command", "odometry")
     }
     assert found == {
