@@ -15,7 +15,8 @@ from companion.clock import Clock, MonotonicClock
 from companion.config.settings import Settings
 from companion.errors import InputError
 from companion.flight.preflight.origin import ORIGIN, origin
-from companion.flight.preflight.parameter_rules import check_rule, parameter_check_names, rules
+from companion.flight.preflight.parameter_check import check_rule
+from companion.flight.preflight.parameter_rules import parameter_check_names, rules
 from companion.flight.preflight.position import POSE_AGE_S, estimator
 from companion.flight.preflight.result import CheckResult, age
 from companion.mavlink.firmware import ARDUCOPTER_BRAKE_MPS2, AutopilotKind
