@@ -235,6 +235,13 @@ class SafetySettings(Section):
         description="with less left it lands where it is, in percent; below mission.battery_low_percent, so that the "
         "application ends the flight first; 0: not watched",
     )
+    battery_v: float | None = Field(
+        None,
+        gt=0.0,
+        le=1000.0,
+        description="at a voltage that stays below this it lands where it is, in V; below mission.battery_low_v; null: "
+        "not watched",
+    )
     fence: FenceSettings = Field(FenceSettings(), description="where the vehicle may be")
     recover_s: float = Field(
         1.0, ge=0.1, le=60.0, description="a fault must be gone for this long before the application flies again, in s"

@@ -44,6 +44,24 @@ class MavState(enum.IntEnum):
     """The flight is being ended because of a failure."""
 
 
+class MavChargeState(enum.IntEnum):
+    """MAV_BATTERY_CHARGE_STATE of a BATTERY_STATUS; its text is for people."""
+
+    UNDEFINED = 0
+    OK = 1
+    LOW = 2
+    CRITICAL = 3
+    EMERGENCY = 4
+    FAILED = 5
+    UNHEALTHY = 6
+    CHARGING = 7
+
+    @property
+    def is_low(self) -> bool:
+        """Whether a vehicle has to land with it: low, or worse."""
+        return MavChargeState.LOW <= self <= MavChargeState.UNHEALTHY
+
+
 class MavModeFlag(enum.IntFlag):
     """MAV_MODE_FLAG, in ``base_mode`` of a heartbeat."""
 

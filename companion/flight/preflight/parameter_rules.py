@@ -62,9 +62,9 @@ def _px4(settings: Settings) -> tuple[Rule, ...]:
         ),
         Rule(
             ((bits("COM_RCL_EXCEPT", *_HOLD_AND_OFFBOARD),), (one_of("NAV_RCL_ACT", (3,), "land"),)),
-            "Underground the transmitter is soon out of reach. With offboard alone excepted PX4 flies on without it, but "
-            "the next hold, the gate's or a failsafe's, ends after 5 s in a return: it climbed 6 m and flew home. Hold "
-            "as action (1) hovers where nobody reaches it until the battery is empty.",
+            "Underground the transmitter is soon out of reach. With offboard alone excepted PX4 flies on without it, "
+            "but the next hold, the gate's or a failsafe's, ends after 5 s in a return: it climbed 6 m and flew home. "
+            "Hold as action (1) hovers where nobody reaches it until the battery is empty.",
         ),
         Rule(
             (
@@ -75,8 +75,8 @@ def _px4(settings: Settings) -> tuple[Rule, ...]:
         ),
         Rule(
             ((exactly("COM_LOW_BAT_ACT", 2),),),
-            "The last line when application and gate are dead and the vehicle holds: at BAT_CRIT_THR 2 lands; 3 returns, "
-            "which first climbs, and 0 only warns and hovers until it falls.",
+            "The last line when application and gate are dead and the vehicle holds: at BAT_CRIT_THR 2 lands; 3 "
+            "returns, which first climbs, and 0 only warns and hovers until it falls.",
         ),
         Rule(
             ((between("BAT_CRIT_THR", 0.05, critical_share, min(0.07, critical_share)),),),
@@ -85,7 +85,7 @@ def _px4(settings: Settings) -> tuple[Rule, ...]:
         ),
         Rule(
             ((between("BAT_LOW_THR", 0.1, 0.5, 0.15),),),
-            "From there on PX4 calls the battery low, and the application ends the flight whatever percentage is shown.",
+            "From there on PX4 calls the battery low, and the application ends the flight whatever percent is shown.",
         ),
         Rule(
             (
@@ -99,9 +99,9 @@ def _px4(settings: Settings) -> tuple[Rule, ...]:
                 ),
                 (Demand("COM_DISARM_PRFLT", "at most 0", 0.0, high=0.0),),
             ),
-            "So long after arming PX4 disarms a vehicle that has not left the ground. By our setpoints it was measured to "
-            f"leave it after 5.4 s; {LIFT_OFF_S:g} s lets a heavier one take nearly three times as long, the default of "
-            "10 s leaves 4.6 s.",
+            "So long after arming PX4 disarms a vehicle that has not left the ground. By our setpoints it was measured "
+            f"to leave it after 5.4 s; {LIFT_OFF_S:g} s lets a heavier one take nearly three times as long, the "
+            "default of 10 s leaves 4.6 s.",
         ),
         Rule(
             ((Demand("EKF2_NOAID_TOUT", "at most 1000000 µs", 1_000_000, low=0.0, high=1e6),),),
@@ -196,10 +196,10 @@ def _ardupilot(settings: Settings) -> tuple[Rule, ...]:
         ),
         Rule(
             ((Demand("BATT_LOW_VOLT", "above 0 V", None, low=0.1),),),
-            "Percent is a coulomb count that begins at 100 % at each boot, whatever the battery has left: only a voltage "
-            "tells that it is low. At BATT_LOW_VOLT ArduPilot was measured to say so, and to act.",
-            advice="param set BATT_LOW_VOLT to the voltage at which this battery has to be on the ground, about 3.5 V a "
-            "cell; --fix does not know its cells",
+            "Percent is a coulomb count that begins at 100 % at each boot, whatever the battery has left: only a "
+            "voltage tells that it is low. At BATT_LOW_VOLT ArduPilot was measured to say so, and to act.",
+            advice="param set BATT_LOW_VOLT to the voltage at which this battery has to be on the ground, about 3.5 V "
+            "a cell; --fix does not know its cells",
         ),
         Rule(
             ((between("WPNAV_ACCEL", 50.0, ARDUPILOT_ACCEL_CMPSS, ARDUPILOT_ACCEL_CMPSS),),),
@@ -209,8 +209,8 @@ def _ardupilot(settings: Settings) -> tuple[Rule, ...]:
         ),
         Rule(
             ((at_least("PSC_JERK_XY", ARDUPILOT_JERK_MPSSS),),),
-            "Braking rests on WPNAV_ACCEL / PSC_JERK_XY: from 0.5 m/s silence took 0.54 m with the default of 5, 0.84 m "
-            "with 2, and 1.24 m (from 0.43 m/s) with 1.",
+            "Braking rests on WPNAV_ACCEL / PSC_JERK_XY: from 0.5 m/s silence took 0.54 m with the default of 5, 0.84 "
+            "m with 2, and 1.24 m (from 0.43 m/s) with 1.",
             required=True,
         ),
     )
