@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from companion.autopilot import global_origin, vehicle_state
 from companion.autopilot.interface import Link, Message, Stream
@@ -14,7 +14,7 @@ from companion.clock import CRYSTAL_RATE, Clock, ClockAlignment
 from companion.config.settings import Settings
 from companion.frames import NedPose, pose_from_ned
 from companion.mavlink.estimator import ESTIMATOR, estimator_valid
-from companion.mavlink.ids import MavCmd, MavModeFlag
+from companion.mavlink.ids import MavChargeState, MavCmd, MavModeFlag, MavState
 from companion.mavlink.modes import mode_name
 from companion.mavlink.position_jump import Motion, position_jump_m
 from companion.model import ABSURD, Pose
@@ -37,6 +37,8 @@ LONGEST_TEXT = 200
 STALE_S = 3.0
 """Answers of the estimator and of the landing detector, asked for at 2 Hz, count no longer than this."""
 BATTERY_STALE_S = 10.0
+BATTERIES = 16
+"""Of which the state is kept; ArduPilot knows as many."""
 OLDEST_S = 2.0
 """A pose that says to have been measured longer ago than `PoseBuffer` remembers is one sent again, or garbage."""
 AUTOPILOT_VERSION_ID = 148
@@ -85,12 +87,17 @@ class Telemetry:
         self._heartbeats = link.watch("HEARTBEAT")
         self._version = link.watch("AUTOPILOT_VERSION")
         self._system = link.watch("SYS_STATUS")
-        self._battery = link.watch("BATTERY_STATUS")
+        self._battery_status = link.watch("BATTERY_STATUS")
         self._landed = link.watch("EXTENDED_SYS_STATE")
         self._estimator = link.watch(ESTIMATOR[link.kind])
         self._origin = link.watch(global_origin.ORIGIN_MESSAGE)
         self._global_position = link.watch(global_origin.POSITION_MESSAGE)
+        self._batteries: dict[int, Message] = {}  # the newest BATTERY_STATUS of each
+        self._low_v = settings.mission.battery_low_v
+        self._low_since_s: float | None = None
         link.events("HEARTBEAT", self._on_heartbeat)
+        link.events("SYS_STATUS", self._on_voltage)
+        link.events("BATTERY_STATUS", self._on_battery)
         link.events("ATTITUDE", self._on_attitude)
         link.events("LOCAL_POSITION_NED", self._on_position)
         link.events("TIMESYNC", self._on_timesync)
@@ -141,6 +148,7 @@ class Telemetry:
             self._on_heartbeat(self._heartbeats.newest)
         heartbeat = self._heartbeat
         custom_mode = None if heartbeat is None else integer(heartbeat, "custom_mode")
+        status = None if heartbeat is None else integer(heartbeat, "system_status")
         flags = 0 if heartbeat is None else integer(heartbeat, "base_mode") or 0
         pose = self.poses.newest()
         landed = _fresh(self._landed, now_s, STALE_S)
@@ -150,27 +158,52 @@ class Telemetry:
             armed=bool(flags & MavModeFlag.SAFETY_ARMED),
             mode="unknown" if custom_mode is None else mode_name(self._link.kind, custom_mode),
             landed=None if landed is None else vehicle_state.landed(landed),
-            battery_percent=self._battery_percent(now_s),
+            battery_percent=self._battery(vehicle_state.battery_percent, now_s),
             heartbeat_age_s=math.inf if heartbeat is None else now_s - heartbeat.received_s,
             pose_age_s=math.inf if pose is None else now_s - pose.t_s,
             position_valid=estimator_flags is not None and estimator_valid(self._link.kind, estimator_flags),
             version=None if self._version.newest is None else vehicle_state.version(self._version.newest),
             estimator_flags=estimator_flags,
             origin_set=self._origin.age_s(now_s) <= global_origin.HEARD_S,
+            voltage_v=self._battery(vehicle_state.voltage_v, now_s),
+            low_voltage_s=0.0 if self._low_since_s is None else max(0.0, now_s - self._low_since_s),
+            charge_state=self._charge_state(now_s),
+            critical=status in (MavState.CRITICAL, MavState.EMERGENCY),
             global_position=self._global_position.age_s(now_s) <= global_origin.HEARD_S,
         )
 
-    def _battery_percent(self, now_s: float) -> float | None:
-        for stream in (self._system, self._battery):
+    def _battery(self, read: Callable[[Message], float | None], now_s: float) -> float | None:
+        """What one of the two messages of a battery says, the lesser of all batteries first."""
+        for stream in (self._system, self._battery_status):
             message = _fresh(stream, now_s, BATTERY_STALE_S)
-            percent = None if message is None else vehicle_state.battery_percent(message)
-            if percent is not None:
-                return percent
+            value = None if message is None else read(message)
+            if value is not None:
+                return value
         return None
 
     def _clock_uncertain(self, now_s: float) -> bool:
         residual_s, rate = self._alignment.residual_s(now_s), self._alignment.rate
         return residual_s is None or residual_s > UNCERTAIN_S or rate is None or abs(rate - 1.0) > CRYSTAL_RATE
+
+    def _charge_state(self, now_s: float) -> MavChargeState | None:
+        """The worst that is told of any battery; charging is none that matters."""
+        fresh = [one for one in self._batteries.values() if now_s - one.received_s <= BATTERY_STALE_S]
+        states = [state for one in fresh if (state := vehicle_state.charge_state(one)) is not None]
+        return max((state for state in states if state.is_low), default=min(states, default=None))
+
+    def _on_battery(self, message: Message) -> None:
+        number = integer(message, "id") or 0
+        if 0 <= number < BATTERIES:
+            self._batteries[number] = message
+        self._on_voltage(message)
+
+    def _on_voltage(self, message: Message) -> None:
+        """A battery sags when the motors pull: only what stays low counts."""
+        voltage_v = self._battery(vehicle_state.voltage_v, message.received_s)
+        if self._low_v is None or (voltage_v is not None and voltage_v >= self._low_v):
+            self._low_since_s = None
+        elif voltage_v is not None and self._low_since_s is None:
+            self._low_since_s = message.received_s
 
     def _ask_time(self, now_s: float) -> None:
         self._asked_time_s = now_s

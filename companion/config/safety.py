@@ -258,7 +258,7 @@ class SafetySettings(Section):
     battery_v: float | None = Field(
         None,
         gt=0.0,
-        le=100.0,
+        le=1000.0,
         description="with a lower voltage for 5 s it lands where it is, in V; null: not judged. A percentage is what "
         "the autopilot counts, ArduPilot from 100 % at each boot; the voltage is measured",
     )

@@ -6,10 +6,14 @@ import enum
 from dataclasses import dataclass
 
 from companion.autopilot.vehicle_state import VehicleState
+from companion.config.mission import MissionSettings
 from companion.config.settings import Settings
 
 BATTERY_SILENT_S = 30.0
 """A battery that was known and has not been for this long may be empty."""
+
+SAG_S = 5.0
+"""A voltage must stay low for this long: a take-off or a gust pulls it down for a second or two."""
 
 MAP_SILENT_S = 60.0
 """A map that says nothing for this long will not come back by itself; it is what the flight is for."""
@@ -92,7 +96,6 @@ class Conditions:
 def termination(now: Conditions, settings: Settings) -> Termination | None:
     """The reason to end the exploring, the gravest first; None to go on."""
     vehicle, mission = now.vehicle, settings.mission
-    battery = vehicle.battery_percent
     reasons = (
         (Termination.GATE_LOST, now.gate_lost),
         (Termination.GATE, now.gate_took_over and now.taken_over),
@@ -101,7 +104,7 @@ def termination(now: Conditions, settings: Settings) -> Termination | None:
         (Termination.FAILSAFE, now.taken_over and now.by_failsafe),
         (Termination.PILOT, now.taken_over),
         (Termination.LINK, min(vehicle.heartbeat_age_s, now.awake_s) > settings.safety.stale.heartbeat_s),
-        (Termination.BATTERY, battery is not None and battery < mission.battery_low_percent),
+        (Termination.BATTERY, _battery_low(vehicle, mission)),
         (Termination.BATTERY, now.battery_silent_s > BATTERY_SILENT_S),
         (Termination.INPUTS, now.blind_s > mission.input_timeout_s),
         (Termination.MAP, now.map_silent_s > MAP_SILENT_S),
@@ -110,3 +113,13 @@ def termination(now: Conditions, settings: Settings) -> Termination | None:
         (Termination.TIME, now.flown_s > mission.time_limit_s),
     )
     return next((reason for reason, holds in reasons if holds), None)
+
+
+def _battery_low(vehicle: VehicleState, mission: MissionSettings) -> bool:
+    """By percent, by the autopilot's own judgement, or by a voltage that stays low, or is low in a failsafe of its."""
+    percent, charge = vehicle.battery_percent, vehicle.charge_state
+    return (
+        (percent is not None and percent < mission.battery_low_percent)
+        or (charge is not None and charge.is_low)
+        or vehicle.low_voltage_s > (0.0 if vehicle.critical else SAG_S)
+    )

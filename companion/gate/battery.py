@@ -10,12 +10,12 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from companion.mavlink.ids import MavBatteryChargeState, MavState
+from companion.mavlink.ids import MavChargeState, MavState
 
 SAG_S = 5.0
 """A voltage must stay low for so long: it sags for a moment whenever the motors pull."""
 UNKNOWN_MV = 65535
-SPENT = frozenset(MavBatteryChargeState) - {MavBatteryChargeState.LOW}
+SPENT = frozenset(MavChargeState) - {MavChargeState.LOW}
 """What does not wait for a second opinion."""
 
 
@@ -67,6 +67,6 @@ class Battery:
             return f"{self.voltage_v:.2f} V"
         if self._charge_state in SPENT:
             return "critical, says the autopilot"
-        if self._charge_state == MavBatteryChargeState.LOW and self._critical:
+        if self._charge_state == MavChargeState.LOW and self._critical:
             return "low, says the autopilot"
         return None

@@ -46,14 +46,22 @@ class MavState(enum.IntEnum):
     """The flight is being ended because of a failure."""
 
 
-class MavBatteryChargeState(enum.IntEnum):
-    """MAV_BATTERY_CHARGE_STATE of a BATTERY_STATUS, as far as it says that something is wrong."""
+class MavChargeState(enum.IntEnum):
+    """MAV_BATTERY_CHARGE_STATE of a BATTERY_STATUS; its text is for people."""
 
+    UNDEFINED = 0
+    OK = 1
     LOW = 2
     CRITICAL = 3
     EMERGENCY = 4
     FAILED = 5
     UNHEALTHY = 6
+    CHARGING = 7
+
+    @property
+    def is_low(self) -> bool:
+        """Whether a vehicle has to land with it: low, or worse."""
+        return MavChargeState.LOW <= self <= MavChargeState.UNHEALTHY
 
 
 class MavModeFlag(enum.IntFlag):

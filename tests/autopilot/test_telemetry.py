@@ -16,7 +16,7 @@ from companion.autopilot.telemetry import TEXTS, Telemetry
 from companion.autopilot.vehicle_state import VehicleState
 from companion.config.settings import Settings
 from companion.mavlink.firmware import AutopilotKind
-from companion.mavlink.ids import MavCmd
+from companion.mavlink.ids import MavChargeState, MavCmd
 from companion.model import Pose
 from tests.autopilot.fake_link import FakeLink
 from tests.shared.clocks import HandClock
@@ -374,6 +374,67 @@ def test_a_battery_that_sys_status_does_not_measure_is_read_from_battery_status(
     assert autopilot.state().battery_percent == 40.0
 
 
+@pytest.mark.parametrize(
+    ("name", "fields", "voltage_v"),
+    [
+        ("SYS_STATUS", {"voltage_battery": 12345}, 12.345),
+        ("SYS_STATUS", {"voltage_battery": 65535}, None),
+        ("SYS_STATUS", {"voltage_battery": 0}, None),
+        ("SYS_STATUS", {"voltage_battery": True}, None),
+        ("BATTERY_STATUS", {"voltages": [4000, 4100, 3900] + [65535] * 7}, 12.0),
+        ("BATTERY_STATUS", {"voltages": [65535] * 10}, None),
+        ("BATTERY_STATUS", {"voltages": "none"}, None),
+        ("BATTERY_STATUS", {"voltages": [4000, None, math.nan, -5]}, 4.0),
+    ],
+)
+def test_the_voltage_is_read_from_either_message(name: str, fields: dict[str, Any], voltage_v: float | None) -> None:
+    autopilot = Autopilot()
+    autopilot.link.deliver(name, fields)
+    assert autopilot.state().voltage_v == (None if voltage_v is None else pytest.approx(voltage_v))
+    autopilot.clock.advance(11.0)
+    assert autopilot.state().voltage_v is None, "stale is not fresh"
+
+
+def test_the_worst_charge_of_all_batteries_counts_while_it_is_fresh() -> None:
+    """Protects from the battery that is still good and speaks last."""
+    autopilot = Autopilot()
+    assert autopilot.state().charge_state is None
+    for number, state in ((0, 1), (1, 3), (2, 7), (3, 0), (4, 99), (99, 5)):
+        autopilot.link.deliver("BATTERY_STATUS", {"id": number, "charge_state": state})
+    assert autopilot.state().charge_state is MavChargeState.CRITICAL
+    autopilot.link.deliver("BATTERY_STATUS", {"id": 1, "charge_state": 1})
+    assert autopilot.state().charge_state is MavChargeState.OK
+    autopilot.clock.advance(11.0)
+    assert autopilot.state().charge_state is None
+
+
+def test_a_voltage_has_to_stay_low() -> None:
+    """Protects a flight from the sag of its take-off, and from a battery that is empty."""
+    autopilot = Autopilot(settings=Settings.model_validate({"mission": {"battery_low_v": 10.5}}))
+
+    def seconds_of(voltage_v: float, seconds: int) -> float:
+        for _ in range(seconds):
+            autopilot.clock.advance(1.0)
+            autopilot.link.deliver("SYS_STATUS", {"voltage_battery": round(1000 * voltage_v)})
+        return autopilot.state().low_voltage_s
+
+    assert seconds_of(12.0, 3) == 0.0
+    assert seconds_of(10.2, 3) == 2.0
+    assert seconds_of(10.6, 1) == 0.0
+    assert seconds_of(10.2, 8) == 7.0
+    unjudged = Autopilot()
+    unjudged.link.deliver("SYS_STATUS", {"voltage_battery": 100})
+    unjudged.clock.advance(5.0)
+    assert unjudged.state().low_voltage_s == 0.0
+
+
+@pytest.mark.parametrize(("status", "critical"), [(3, False), (4, False), (5, True), (6, True), (None, False)])
+def test_a_heartbeat_in_distress_is_told(status: int | None, critical: bool) -> None:
+    autopilot = Autopilot()
+    autopilot.link.deliver("HEARTBEAT", {"base_mode": 129, "custom_mode": PX4_OFFBOARD, "system_status": status})
+    assert autopilot.state().critical is critical
+
+
 def test_texts_are_bounded() -> None:
     """Protects memory from an autopilot that complains ten times a second."""
     autopilot = Autopilot()
@@ -393,6 +454,7 @@ names = st.sampled_from([
 keys = st.sampled_from([
     "time_boot_ms", "roll", "pitch", "yaw", "yawspeed", "x", "y", "z", "vx", "vy", "vz", "tc1", "ts1", "text",
     "severity", "base_mode", "custom_mode", "battery_remaining", "landed_state", "flags", "flight_sw_version",
+    "system_status", "voltage_battery", "voltages", "charge_state", "id",
 ])  # fmt: skip
 
 
@@ -409,6 +471,7 @@ def test_malformed_messages_are_never_believed_and_never_crash(messages: list[tu
     pose = autopilot.telemetry.poses.newest()
     assert pose is None or all(math.isfinite(getattr(pose, name)) for name in type(pose).__slots__)
     assert state.battery_percent is None or 0.0 <= state.battery_percent <= 100.0
+    assert state.voltage_v is None or 0.0 < state.voltage_v < math.inf
 
 
 async def test_run_asks_until_it_is_cancelled() -> None:

@@ -155,6 +155,11 @@ class TestReactions:
         ("pose: {frozen_s: 0.05}", "safety.pose.frozen_s = 0.05 s must be at least 0.06 s with autopilot.position_hz"),
         ("stale: {hang_s: 1.0, beat_s: 1.0}", "safety.stale.hang_s = 1 s must be greater than safety.stale.beat_s = 1"),
         ("battery_percent: 25", "safety.battery_percent = 25 must be smaller than mission.battery_low_percent = 25"),
+        (
+            "battery_v: 10.5\nmission: {battery_low_v: 10.5}",
+            "safety.battery_v = 10.5 V must be smaller than mission.battery_low_v = 10.5 V",
+        ),
+        ("battery_v: 0", "safety.battery_v"),
         ("fence: {north_m: [5, -5]}", "safety.fence.north_m = [5, -5] must be [least, most]"),
         ("fence: {east_m: [5, 9]}", "safety.fence.east_m = [5, 9] must hold 0"),
         ("fence: {height_m: [0, 9]}", "safety.fence.height_m = [0, 9] must hold 0"),
@@ -180,6 +185,13 @@ def test_nonsense_is_refused_with_its_value_and_bound(refusal: Refusal, text: st
     line = refusal(f"safety:\n  {text}\n")
     assert line.startswith(("vehicle.yaml:2: ", "default: ")), line
     assert said in line
+
+
+def test_a_voltage_of_the_gate_may_stand_alone_or_below_the_missions() -> None:
+    """Each is judged where it is given."""
+    assert (Settings().mission.battery_low_v, Settings().safety.battery_v) == (None, None)
+    for mission, safety in (({}, {"battery_v": 10.0}), ({"battery_low_v": 10.5}, {"battery_v": 10.0})):
+        assert Settings.model_validate({"mission": mission, "safety": safety}).safety.battery_v == 10.0
 
 
 def test_none_watches_no_battery(tmp_path: Path) -> None:

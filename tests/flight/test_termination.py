@@ -12,6 +12,7 @@ from companion.autopilot.vehicle_state import VehicleState
 from companion.config.settings import Settings
 from companion.flight.phase import FlightPhase, PhaseEvent, PhaseMachine
 from companion.flight.termination import Conditions, Termination, termination
+from companion.mavlink.ids import MavChargeState
 
 SETTINGS = Settings()
 
@@ -61,6 +62,13 @@ def test_a_flight_on_which_all_is_well_goes_on() -> None:
         (conditions(taken_over=True, by_failsafe=True), Termination.FAILSAFE),
         (conditions({"battery_percent": 24.0}), Termination.BATTERY),
         (conditions({"battery_percent": None}, battery_silent_s=30.5), Termination.BATTERY),
+        (conditions({"charge_state": MavChargeState.LOW}), Termination.BATTERY),
+        (conditions({"charge_state": MavChargeState.CRITICAL}), Termination.BATTERY),
+        (conditions({"charge_state": MavChargeState.EMERGENCY}), Termination.BATTERY),
+        (conditions({"charge_state": MavChargeState.FAILED}), Termination.BATTERY),
+        (conditions({"charge_state": MavChargeState.UNHEALTHY}), Termination.BATTERY),
+        (conditions({"low_voltage_s": 5.1}), Termination.BATTERY),
+        (conditions({"low_voltage_s": 0.5, "critical": True}), Termination.BATTERY),
         (conditions(blind_s=10.5), Termination.INPUTS),
         (conditions(map_silent_s=61.0), Termination.MAP),
         (conditions(stop_asked=True), Termination.STOPPED),
@@ -76,6 +84,26 @@ def test_a_battery_that_says_nothing_is_not_an_empty_one() -> None:
     """Whoever skipped the check of the battery has none that says anything; one that falls silent may be empty."""
     assert termination(conditions({"battery_percent": None}), SETTINGS) is None
     assert termination(conditions({"battery_percent": None}, battery_silent_s=10.0), SETTINGS) is None
+
+
+@pytest.mark.parametrize(
+    "vehicle",
+    [
+        {"charge_state": MavChargeState.OK},
+        {"charge_state": MavChargeState.CHARGING},
+        {"low_voltage_s": 4.9},
+        {"critical": True},
+    ],
+)
+def test_a_sag_and_a_good_charge_end_no_flight(vehicle: dict[str, Any]) -> None:
+    """A take-off pulls the voltage down for a moment; PX4's heartbeat says critical in any failsafe."""
+    assert termination(conditions(vehicle), SETTINGS) is None
+
+
+def test_a_count_that_began_at_100_percent_does_not_hide_an_empty_battery() -> None:
+    """ArduPilot counts from 100 % at each boot: it said 100 % at 10.2 V, and that the battery is low."""
+    found = conditions({"battery_percent": 100.0, "charge_state": MavChargeState.LOW})
+    assert termination(found, SETTINGS) is Termination.BATTERY
 
 
 def test_what_takes_the_vehicle_away_comes_before_what_was_reached() -> None:

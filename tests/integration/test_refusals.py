@@ -9,7 +9,8 @@ import pytest
 
 from companion.autopilot.interface import LinkError
 from companion.autopilot.vehicle import FlightError
-from companion.flight.preflight.parameter_rules import check_rule, rules
+from companion.flight.preflight.parameter_check import check_rule
+from companion.flight.preflight.parameter_rules import rules
 from tests.integration.rig import Aboard, Stage, aboard, both, fly_all
 
 NEVER_S = 300.0

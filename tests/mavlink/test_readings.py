@@ -6,6 +6,7 @@ import pytest
 
 from companion.mavlink.estimator import ESTIMATOR, estimator_valid, not_known
 from companion.mavlink.firmware import AutopilotKind
+from companion.mavlink.ids import MavChargeState
 from companion.mavlink.modes import mode_name, personality, px4_mode, result_name
 from companion.mavlink.position_jump import LONGEST_GAP_S, position_jump_m
 from companion.text_table import printable
@@ -65,6 +66,12 @@ def test_the_modes_that_we_ask_for_differ(kind: AutopilotKind) -> None:
 
 def test_px4_packs_main_and_sub_mode() -> None:
     assert px4_mode(4, 3) == 0x03040000
+
+
+def test_a_charge_is_low_or_worse_but_not_charging() -> None:
+    """Protects from flying on a battery that failed, whose number is above "low"."""
+    low = {MavChargeState(number) for number in (2, 3, 4, 5, 6)}
+    assert {state for state in MavChargeState if state.is_low} == low
 
 
 def test_results_have_names() -> None:

@@ -14,9 +14,11 @@ from companion.autopilot.vehicle_state import VehicleState
 from companion.clock import Clock, MonotonicClock
 from companion.config.settings import Settings
 from companion.errors import InputError
+from companion.flight.preflight.battery import battery
 from companion.flight.preflight.clock_check import check_clock
 from companion.flight.preflight.origin import ORIGIN, origin
-from companion.flight.preflight.parameter_rules import check_rule, parameter_check_names, rules
+from companion.flight.preflight.parameter_check import check_rule
+from companion.flight.preflight.parameter_rules import parameter_check_names, rules
 from companion.flight.preflight.position import POSE_AGE_S, estimator
 from companion.flight.preflight.result import CheckResult, age
 from companion.mavlink.firmware import MEASURED_BRAKE_MPS2
@@ -94,7 +96,7 @@ async def run_checks(
         _height(height_m, settings),
         estimator(link.kind, state, settings.autopilot),
         *await origin(link, lambda: telemetry.state(clock.now_s()), settings.autopilot),
-        _battery(state, settings),
+        await battery(link, state, settings.mission),
         _storage(settings),
         _disarmed(state),
         _mode(state),
@@ -198,20 +200,6 @@ def _height(height_m: float | None, settings: Settings) -> CheckResult:
         f"above 0 and below {most_m:g} m while it stands",
         "The take-off ends when this measurement says so.",
         "" if ok else "look at the beam that looks down; if it cannot see this near, --skip height",
-    )
-
-
-def _battery(state: VehicleState, settings: Settings) -> CheckResult:
-    low = settings.mission.battery_low_percent
-    percent = state.battery_percent
-    ok = percent is not None and percent > low
-    return CheckResult(
-        "battery",
-        ok,
-        "not known" if percent is None else f"{percent:.0f} %",
-        f"more than {low:g} %",
-        "At mission.battery_low_percent the flight ends.",
-        "" if ok else "charge it, or let the autopilot measure it",
     )
 
 

@@ -23,11 +23,14 @@ GOOD: dict[AutopilotKind, dict[str, float | int]] = {
     PX4: {
         "COM_OF_LOSS_T": 0.5,
         "COM_OBL_RC_ACT": 5,
-        "COM_RCL_EXCEPT": 4,
+        "COM_RCL_EXCEPT": 6,
         "NAV_RCL_ACT": 2,
         "NAV_DLL_ACT": 0,
         "COM_DLL_EXCEPT": 0,
-        "COM_LOW_BAT_ACT": 0,
+        "COM_LOW_BAT_ACT": 2,
+        "BAT_CRIT_THR": 0.07,
+        "BAT_LOW_THR": 0.15,
+        "COM_DISARM_PRFLT": 15.0,
         "EKF2_NOAID_TOUT": 1_000_000,
         "MPC_XY_CRUISE": 1.0,
         "MPC_XY_VEL_MAX": 12.0,
@@ -44,8 +47,11 @@ GOOD: dict[AutopilotKind, dict[str, float | int]] = {
         "FS_OPTIONS": 16,
         "FS_GCS_ENABLE": 0,
         "FS_EKF_ACTION": 1,
-        "BATT_FS_LOW_ACT": 0,
-        "BATT_FS_CRT_ACT": 0,
+        "BATT_FS_LOW_ACT": 1,
+        "BATT_FS_CRT_ACT": 1,
+        "BATT_LOW_VOLT": 10.5,
+        "WPNAV_ACCEL": 250.0,
+        "PSC_JERK_XY": 5.0,
     },
 }
 WITHOUT_GPS: dict[AutopilotKind, dict[str, float | int]] = {
@@ -222,9 +228,19 @@ async def test_a_folder_that_cannot_be_written_fails_storage(tmp_path: Path) -> 
         (PX4, "COM_OF_LOSS_T", 1.0, 0.5),
         (PX4, "COM_OF_LOSS_T", 0.0, 0.5),
         (PX4, "COM_OBL_RC_ACT", 0, 5),
-        (PX4, "COM_RCL_EXCEPT", 1, 5),
+        (PX4, "COM_RCL_EXCEPT", 0, 6),
+        (PX4, "COM_RCL_EXCEPT", 4, 6),
+        (PX4, "COM_RCL_EXCEPT", 1 | 2, 1 | 6),
+        (PX4, "COM_RCL_EXCEPT", 4 | 8, 6 | 8),
+        (PX4, "NAV_DLL_ACT", 1, 0),
         (PX4, "NAV_DLL_ACT", 2, 0),
-        (PX4, "COM_LOW_BAT_ACT", 3, 0),
+        (PX4, "COM_LOW_BAT_ACT", 0, 2),
+        (PX4, "COM_LOW_BAT_ACT", 3, 2),
+        (PX4, "BAT_CRIT_THR", 0.0, 0.07),
+        (PX4, "BAT_CRIT_THR", 0.3, 0.07),
+        (PX4, "BAT_LOW_THR", 0.0, 0.15),
+        (PX4, "COM_DISARM_PRFLT", 10.0, 15.0),
+        (PX4, "COM_DISARM_PRFLT", 1.0, 15.0),
         (PX4, "EKF2_NOAID_TOUT", 5_000_000, 1_000_000),
         (PX4, "MPC_XY_CRUISE", 5.0, 1.0),
         (PX4, "MPC_XY_CRUISE", 0.0, 1.0),
@@ -234,7 +250,13 @@ async def test_a_folder_that_cannot_be_written_fails_storage(tmp_path: Path) -> 
         (ARDUPILOT, "AVOID_ENABLE", 3, 0),
         (ARDUPILOT, "FS_THR_ENABLE", 1, 3),
         (ARDUPILOT, "FS_GCS_ENABLE", 1, 0),
-        (ARDUPILOT, "BATT_FS_LOW_ACT", 2, 0),
+        (ARDUPILOT, "BATT_FS_LOW_ACT", 0, 1),
+        (ARDUPILOT, "BATT_FS_LOW_ACT", 2, 1),
+        (ARDUPILOT, "BATT_FS_LOW_ACT", 7, 1),
+        (ARDUPILOT, "BATT_FS_CRT_ACT", 0, 1),
+        (ARDUPILOT, "WPNAV_ACCEL", 500.0, 250.0),
+        (ARDUPILOT, "WPNAV_ACCEL", 0.0, 250.0),
+        (ARDUPILOT, "PSC_JERK_XY", 2.0, 5.0),
     ],
 )
 async def test_a_dangerous_parameter_stops_the_flight_and_fix_sets_it(
@@ -251,6 +273,50 @@ async def test_a_dangerous_parameter_stops_the_flight_and_fix_sets_it(
     assert fixed.fix.startswith("set by --fix")
     assert bench.link.params[name] == pytest.approx(set_to)
     assert (await bench.failures()) == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "changed", "failed"),
+    [
+        (PX4, {"COM_RCL_EXCEPT": 0, "NAV_RCL_ACT": 3}, []),
+        (PX4, {"COM_RCL_EXCEPT": 0, "NAV_RCL_ACT": 1}, ["COM_RCL_EXCEPT"]),
+        (PX4, {"COM_RCL_EXCEPT": 2, "NAV_RCL_ACT": 2}, ["COM_RCL_EXCEPT"]),
+        (PX4, {"COM_RCL_EXCEPT": 7, "NAV_RCL_ACT": 2}, []),
+        (PX4, {"NAV_DLL_ACT": 3}, []),
+        (PX4, {"NAV_DLL_ACT": 2, "COM_DLL_EXCEPT": 4}, ["NAV_DLL_ACT"]),
+        (PX4, {"NAV_DLL_ACT": 2, "COM_DLL_EXCEPT": 6}, []),
+        (PX4, {"COM_DISARM_PRFLT": 0.0}, []),
+        (PX4, {"COM_DISARM_PRFLT": -1.0}, []),
+        (PX4, {"MPC_XY_CRUISE": 0.5}, []),
+        (ARDUPILOT, {"WPNAV_ACCEL": 100.0, "PSC_JERK_XY": 10.0}, []),
+    ],
+)
+async def test_what_is_as_safe_by_another_way_may_stay(
+    kind: AutopilotKind, changed: dict[str, float], failed: list[str], tmp_path: Path
+) -> None:
+    """Protects against the return that climbs: a hold after a lost transmitter needs both its exceptions, or a land."""
+    bench = Bench(kind, tmp_path)
+    bench.link.params |= changed
+    assert (await bench.failures()) == failed
+
+
+async def test_a_value_that_only_the_owner_knows_is_not_guessed_by_fix(tmp_path: Path) -> None:
+    """Protects a battery with more cells from the voltage of one with three."""
+    bench = Bench(ARDUPILOT, tmp_path)
+    bench.link.params["BATT_LOW_VOLT"] = 0.0
+    result = (await bench.check(fix=True))["BATT_LOW_VOLT"]
+    assert result.failed
+    assert "about 3.5 V a cell" in result.fix
+    assert "100 %" in result.reason
+    assert bench.link.params["BATT_LOW_VOLT"] == 0.0
+
+
+@pytest.mark.parametrize("name", ["WPNAV_ACCEL", "PSC_JERK_XY"])
+async def test_ardupilot_without_what_its_braking_rests_on_does_not_fly(name: str, tmp_path: Path) -> None:
+    """Protects against a later version that calls it by another name: what nobody has read is not known."""
+    bench = Bench(ARDUPILOT, tmp_path)
+    del bench.link.params[name]
+    assert (await bench.failures()) == [name]
 
 
 async def test_ardupilots_avoidance_may_stay_when_it_cannot_push(tmp_path: Path) -> None:
