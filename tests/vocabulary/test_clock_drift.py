@@ -155,20 +155,20 @@ def test_a_clock_that_begins_anew_is_known_again_after_two_answers(
     alignment = ClockAlignment()
     ask(alignment, Remote([rate]), every(QUICK_S, [(0.001, 0.001)] * 30))
     again_s = BEGAN_S + 30 * QUICK_S
-    sets = [(again_s + QUICK_S * i) for i in range(4)]
 
     def shown_s(local_s: float) -> float:
         old_s = Remote([rate]).true_s(again_s)
         return old_s + (away_s if ahead else -away_s) + then * (local_s - again_s)
 
-    for at_s in sets:
+    for at_s in (again_s + QUICK_S * i for i in range(4)):
         alignment.add(at_s, shown_s(at_s + 0.001), at_s + 0.002)
         for now_s in (at_s + 0.002, at_s + QUICK_S):
             local_s, residual_s = alignment.to_local_s(shown_s(now_s)), alignment.residual_s(now_s)
             assert local_s is not None
             assert residual_s is not None
             assert abs(local_s - now_s) <= residual_s + ROUNDING_S
-        assert at_s == sets[0] or residual_s < 0.03
+    assert residual_s is not None
+    assert residual_s < 0.03
 
 
 def test_the_bound_grows_while_no_answer_comes() -> None:

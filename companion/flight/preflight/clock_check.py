@@ -51,10 +51,11 @@ def _what_to_do(telemetry: Telemetry, drift: str) -> str:
     round_trip_s = telemetry.clock_round_trip_s
     if round_trip_s is None:
         return (
-            "TIMESYNC is not answered, or by another clock than that of the messages: let TIMESYNC pass both ways "
-            "(a router or radio between may drop it), and only the autopilot answer it"
+            "TIMESYNC is not answered, or by another clock than that of the messages: let it pass both ways (a router "
+            "or radio between may drop it), let only the autopilot answer it, and let a simulation run at speed 1"
         )
-    if 0.5 * round_trip_s > CLOCK_S:
+    half_s = 0.5 * round_trip_s
+    if half_s > CLOCK_S or (half_s > 0.5 * CLOCK_S and not drift):
         return (
             f"the quickest TIMESYNC round trip takes {round_trip_s * 1e3:.0f} ms: a faster link (a cable instead of a "
             "radio, a higher baud rate), or lower autopilot.attitude_hz and position_hz"
@@ -65,6 +66,6 @@ def _what_to_do(telemetry: Telemetry, drift: str) -> str:
             "real-time priority"
         )
     return (
-        f"TIMESYNC answers are lost or come late, though the quickest takes {round_trip_s * 1e3:.0f} ms: look at the "
-        "link's load, or lower autopilot.attitude_hz and position_hz"
+        f"TIMESYNC answers are lost or contradict each other, though the quickest takes {round_trip_s * 1e3:.0f} ms: "
+        "look at the link's load, and let a simulation run at speed 1"
     )
