@@ -71,6 +71,7 @@ class Motion:
 
     Attributes:
         stop_s: how far it goes on per speed when the demand is zero: the time constant of the horizontal response.
+        creep_mps: how it goes on although the demand is less, x and y.
         held: a position loop stands above them, which leaves nothing of the slow disturbance.
     """
 
@@ -79,6 +80,7 @@ class Motion:
     vz_mps: float = 0.0
     yaw_rate_radps: float = 0.0
     stop_s: float = 1.0
+    creep_mps: tuple[float, float] = (0.0, 0.0)
     held: bool = False
 
 
@@ -167,9 +169,9 @@ class Airframe:
         px, py, pz = (0.0, 0.0, 0.0) if motion.held else self._disturbance
         more = self._turning_drift if abs(old.yaw_rate_radps) > _TURNING_RADPS else 1.0
         natural_radps = 2.0 * self._damping / motion.stop_s
-        missing_mps = motion.vx_mps + more * px - old.vx_mps, motion.vy_mps + more * py - old.vy_mps
-        self._ax_mps2 = self._pushed(self._ax_mps2, natural_radps, missing_mps[0], dt_s)
-        self._ay_mps2 = self._pushed(self._ay_mps2, natural_radps, missing_mps[1], dt_s)
+        px, py = more * (px + motion.creep_mps[0]), more * (py + motion.creep_mps[1])
+        self._ax_mps2 = self._pushed(self._ax_mps2, natural_radps, motion.vx_mps + px - old.vx_mps, dt_s)
+        self._ay_mps2 = self._pushed(self._ay_mps2, natural_radps, motion.vy_mps + py - old.vy_mps, dt_s)
         vx_mps = old.vx_mps + self._ax_mps2 * dt_s
         vy_mps = old.vy_mps + self._ay_mps2 * dt_s
         vz_mps = follow(old.vz_mps, motion.vz_mps + pz, _CLIMB_LAG_S, _MAX_CLIMB_ACCELERATION_MPS2, dt_s)

@@ -38,7 +38,7 @@ _ACCELS_S, _GYROS_S, _EXTERNAL_S = 10.0, 20.0, 3.0
 _SENSORS_S = 21.0
 _COMPLAINS_S = 30.0
 _LIFTED_M = 0.3
-_SEEN_FLYING_M = 0.12
+_SEEN_FLYING_M = 0.15
 """The land detector lets go 0.4 s after it has left the ground."""
 _STOP_S = {"LOITER": 0.88, "POSHOLD": 0.88, "LAND": 0.62, "RTL": 0.62}
 """Distance to stop per speed."""
@@ -66,8 +66,8 @@ class _ArduPilot(Personality):
     version = 4 << 24 | 7 << 16
     # 63 % after 0.61 s, 90 % after 0.98 s; from 0.42 m/s zero velocity takes 0.24 m and 1.0 s; nothing drifts.
     numbers = Numbers(
-        damping=0.8, velocity_gain=1.014, drift_mps=0.0008, turning_drift=1.0, blind_drift_mps2=0.3,
-        blind_mps=(0.1, 0.17), hold_climb_gain=1.0, climb_mps=1.25, climb_approach=2.2, land_mps=0.5, cells=3,
+        damping=0.8, velocity_gain=1.014, drift_mps=0.0008, creep_mps=0.0, turning_drift=1.0, blind_drift_mps2=0.3,
+        blind_mps=(0.1, 0.17), hold_climb_gain=1.0, climb_mps=1.0, climb_approach=2.2, land_mps=0.5, cells=3,
         capacity_mah=3300.0,
     )  # fmt: skip
     ready_s = 42.0

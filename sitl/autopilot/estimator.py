@@ -149,6 +149,10 @@ class Estimator:
             pitch_rad=p.pitch_rad + ANGLE_NOISE_RAD * float(n[8]),
         )
 
+    def turned(self, x: float, y: float) -> tuple[float, float]:
+        """A direction of the estimate's frame in the true one."""
+        return rotated(x, y, self.true_yaw_rad - self.pose.yaw_rad)
+
     def to_true(self, vx_mps: float, vy_mps: float) -> tuple[float, float]:
         """The true velocity that results when this velocity of the estimate's frame is flown."""
         return rotated(vx_mps - self._error[0], vy_mps - self._error[1], self.true_yaw_rad - self.pose.yaw_rad)

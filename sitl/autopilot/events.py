@@ -28,7 +28,7 @@ FIRST_SEQUENCE = 65535 - 10
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something to be told: its name in PX4's source, its levels (inside and outside), and the bytes of its arguments."""
+    """Something to be told: its name in PX4's source, its levels outside and inside, the bytes of its arguments."""
 
     name: str
     external: int

@@ -12,6 +12,9 @@ from sitl.autopilot.personality import Personality
 from sitl.autopilot.state import Behaviour, State
 
 _STOPPED_MPS = 0.15
+_ROLLS_ON = 0.4
+"""Share of the time constant: it is braking already when it is that slow."""
+_STANDS_MPS = 0.1
 _POSITION_GAIN = 0.8
 _HOLD_MPS = 1.0
 _TOUCH_MPS, _SLOW_BELOW_M = 0.3, 1.0
@@ -73,7 +76,8 @@ def _hold(state: State, climb_gain: float, stop_s: float) -> tuple[float, float,
     if state.hold_m is None:
         if math.sqrt(pose.vx_mps**2 + pose.vy_mps**2 + pose.vz_mps**2) > _STOPPED_MPS:
             return 0.0, 0.0, 0.0
-        state.hold_m = (pose.x_m + stop_s * pose.vx_mps, pose.y_m + stop_s * pose.vy_mps, pose.z_m)
+        rolls_s = _ROLLS_ON * stop_s
+        state.hold_m = (pose.x_m + rolls_s * pose.vx_mps, pose.y_m + rolls_s * pose.vy_mps, pose.z_m)
     vx_mps, vy_mps = _towards(state, state.hold_m[0], state.hold_m[1], _HOLD_MPS)
     vz_mps = max(-_HOLD_MPS, min(_HOLD_MPS, climb_gain * (state.hold_m[2] - pose.z_m)))
     return vx_mps, vy_mps, vz_mps
@@ -127,8 +131,14 @@ def _follow(personality: Personality, state: State, stop_s: float) -> Motion:
     gain = personality.numbers.velocity_gain
     vx_mps, vy_mps = _avoided(state, gain * target.vx_mps, gain * target.vy_mps)
     true_x_mps, true_y_mps = state.estimator.to_true(vx_mps, vy_mps)
-    vz_mps = max(-_MAX_CLIMB_MPS, min(_MAX_CLIMB_MPS, gain * target.vz_mps))
-    return Motion(true_x_mps, true_y_mps, vz_mps, _YAW_GAIN * target.yaw_rate_radps, stop_s)
+    vz_mps = max(-_MAX_CLIMB_MPS, min(_MAX_CLIMB_MPS, target.vz_mps))
+    yaw_rate_radps = _YAW_GAIN * target.yaw_rate_radps
+    speed_mps = math.hypot(target.vx_mps, target.vy_mps)
+    if speed_mps > _STANDS_MPS:
+        state.went = target.vx_mps / speed_mps, target.vy_mps / speed_mps
+        return Motion(true_x_mps, true_y_mps, vz_mps, yaw_rate_radps, stop_s)
+    creep = state.estimator.turned(*(personality.numbers.creep_mps * way for way in state.went))
+    return Motion(true_x_mps, true_y_mps, vz_mps, yaw_rate_radps, stop_s, creep)
 
 
 def _avoided(state: State, vx_mps: float, vy_mps: float) -> tuple[float, float]:

@@ -86,10 +86,11 @@ class Inbox:
         # Broadcasts have target 0; messages without a target are for everyone.
         if getattr(message, "target_system", 0) not in (0, self._system_id):
             return self._ignored("for another system")
-        if getattr(message, "target_component", 0) not in (0, AUTOPILOT_COMPONENT):
-            # ArduPilot carries out itself what is for a component of its system that it has never heard.
-            if routed or not self._personality.takes_what_nobody_takes or not getattr(message, "target_system", 0):
-                return self._ignored("for another component")
+        if getattr(message, "target_component", 0) in (0, AUTOPILOT_COMPONENT):
+            return handler(message)
+        # ArduPilot carries out itself what is for a component of its system that it has never heard.
+        if routed or not self._personality.takes_what_nobody_takes:
+            return self._ignored("for another component")
         return handler(message)
 
     def listed(self, most: int) -> list[Message]:

@@ -20,7 +20,8 @@ class Numbers:
         damping: of the horizontal velocity response.
         velocity_gain: share of a commanded velocity that is flown.
         drift_mps: slow disturbance of each axis where no position is held.
-        turning_drift: by how much that is more while it turns.
+        creep_mps: how fast it goes on in zero velocity, the way that it went.
+        turning_drift: by how much both are more while it turns.
         blind_drift_mps2: how fast the velocity estimate goes wrong when nothing aids it,
         blind_mps: and between which speeds that ends.
         hold_climb_gain: of the height that a hold keeps, in 1/s.
@@ -34,6 +35,7 @@ class Numbers:
     damping: float
     velocity_gain: float
     drift_mps: float
+    creep_mps: float
     turning_drift: float
     blind_drift_mps2: float
     blind_mps: tuple[float, float]

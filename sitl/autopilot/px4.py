@@ -75,7 +75,7 @@ class _Px4(Personality):
     version = 1 << 24 | 17 << 16
     # From 0.35 m/s: 0.15 m after 0.5 s, 0.22 at 1 s, 0.28 at 2 s, then it creeps at 0.02 to 0.06 m/s.
     numbers = Numbers(
-        damping=0.9, velocity_gain=0.92, drift_mps=0.03, turning_drift=1.6, blind_drift_mps2=0.35,
+        damping=0.9, velocity_gain=0.92, drift_mps=0.015, creep_mps=0.04, turning_drift=1.6, blind_drift_mps2=0.35,
         blind_mps=(0.5, 1.75), hold_climb_gain=0.24, climb_mps=0.6, climb_approach=2.0, land_mps=0.7, cells=4,
         capacity_mah=5000.0,
     )  # fmt: skip
@@ -268,7 +268,7 @@ class _Px4(Personality):
 
     def stop_s(self, state: State) -> float:
         """Softer in offboard's zero velocity than in a hold, by what it creeps on anyway."""
-        return 0.62 if self.active(state) is Behaviour.SETPOINTS else 0.68
+        return 0.62 if self.active(state) is Behaviour.SETPOINTS else 0.74
 
     def lift_s(self, state: State) -> float:
         ramp_s = state.parameters["MPC_TKO_RAMP_T"]

@@ -108,6 +108,8 @@ class State:
     takeoff_height_m: float = 0.0
     takeoff_suppressed: bool = False
     target: Target | None = None
+    went: tuple[float, float] = (0.0, 0.0)
+    """The way of the last setpoint that was to move, of length 1, in the frame of the estimate."""
     target_times_s: deque[float] = field(default_factory=lambda: deque(maxlen=2))
     obstacles: Obstacles | None = None
     origin: GlobalPosition | None = None
