@@ -62,8 +62,8 @@ class RealAutopilot:
 
         Args:
             folder: for its log and everything that it writes; exists.
-            settings: of the application. What pre-flight demands of the autopilot and what takes effect at a boot only
-                is set before the boot; the rest is for pre-flight.
+            settings: of the application. What pre-flight demands and has to be there at the boot is set before it; the
+                rest is for pre-flight.
             parameters: what is set besides.
             ports: where it sends to instead; PX4 has to be left its own.
         """
@@ -103,8 +103,11 @@ class RealAutopilot:
 
 
 def of_boot(kind: AutopilotKind, settings: Settings) -> dict[str, float]:
-    """The parameters that pre-flight demands and that an autopilot obeys after a reboot only."""
-    return {demand.name: demand.set_to for rule in rules(kind, settings) if rule.reboot for demand in rule.either[0]}
+    """The parameters that have to be there at the boot: those that need one, and those of an estimator without GPS."""
+    with_gps = settings.model_copy(update={"autopilot": settings.autopilot.model_copy(update={"gps": True})})
+    always = rules(kind, with_gps)
+    early = [rule for rule in rules(kind, settings) if rule.reboot or rule not in always]
+    return {demand.name: demand.set_to for rule in early for demand in rule.either[0]}
 
 
 def find(personality: str, environment: Mapping[str, str] = os.environ) -> RealAutopilot:
