@@ -61,9 +61,21 @@ class Running:
     def __init__(self, program: Program, folder: Path, niceness: int = 0) -> None:
         self.program = program
         self.log = folder / f"{program.name}.log"
-        before = ("nice", "-n", str(niceness)) if niceness else ()
-        with self.log.open("wb") as log:
-            self.process = subprocess.Popen(  # noqa: S603 - our own command, or the autopilot that the user has named
+        self._niceness = niceness
+        self.log.write_bytes(b"")
+        self.process = self._started()
+
+    def restart(self) -> None:
+        """Kill it, and start it again at once."""
+        self.process.kill()
+        self.process.wait()
+        self.process = self._started()
+
+    def _started(self) -> subprocess.Popen[bytes]:
+        program = self.program
+        before = ("nice", "-n", str(self._niceness)) if self._niceness else ()
+        with self.log.open("ab") as log:
+            return subprocess.Popen(  # noqa: S603 - our own command, or the autopilot that the user has named
                 [*before, *program.arguments],
                 stdin=subprocess.DEVNULL,
                 stdout=log,

@@ -23,8 +23,9 @@ from companion.errors import InputError
 from companion.text_table import columns
 from sitl.launch.real import RealAutopilot, find
 from validation.fault_matrix.injection import PERSONALITIES
+from validation.fault_matrix.results import write_whole
 from validation.real.flight import Flown, Task, Ways, fly
-from validation.real.program import common, prepare, say, ways, write
+from validation.real.program import common, prepare, say, ways
 
 LANDED_WITHIN_M = 0.3
 WITHOUT_GPS, WITH_GPS = 3, 1
@@ -137,7 +138,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for number, task in enumerate(left, 1):
         flown = _flown(autopilots[task.personality], task, given.keep, how)
         done.append(flown)
-        write(given.json, [asdict(one) for one in done])
+        write_whole(given.json, [asdict(one) for one in done])
         say(f"[{number}/{len(left)}] {task.name}: {'; '.join(problems(flown)) or 'ok'} ({flown.lasted_s:.0f} s)")
     say("\n" + table(done))
     return 1 if any(map(problems, done)) else 0

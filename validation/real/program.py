@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 from companion.errors import InputError
 from validation.fault_matrix.injection import PERSONALITIES
@@ -54,15 +52,6 @@ def prepare() -> None:
     end_with_parent()
     if os.environ.get(OWN_NETWORK) != "1":
         raise InputError("the autopilots listen on every interface of the computer: start this by scripts/own-network")
-
-
-def write(file: Path | None, results: list[dict[str, Any]]) -> None:
-    """Whole or not at all, whenever it is broken off."""
-    if file is None:
-        return
-    part = file.with_name(file.name + ".part")
-    part.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
-    part.replace(file)
 
 
 def say(words: str) -> None:

@@ -126,7 +126,7 @@ class Station(Witness):
 
     @property
     def _px4(self) -> bool:
-        return self.kind == m.MAV_AUTOPILOT_PX4
+        return self.kind == int(m.MAV_AUTOPILOT_PX4)
 
     def _results(self, since: int, command: int) -> list[int]:
         return [ack.result for ack in self.acks[since:] if ack.command == command]
