@@ -20,6 +20,7 @@ from sitl.world.mavlink_out import Feed, LocalFrame
 from sitl.world.odometry import Align, OdometrySettings
 from sitl.world.placement import Scene
 from sitl.world.server import CONTACT, INTERRUPTED, Plan, WorldServer
+from sitl.world.trouble import KNOWN
 from sitl.world.truth_messages import TruthKind
 
 SEVERAL = "side by side, as `companion sim --vehicles` starts them"
@@ -100,6 +101,10 @@ def world(
         Path | None, typer.Option(metavar="FILE", help="JSON with what really happened, kept up to date.")
     ] = None,
     trajectory: Annotated[Path | None, typer.Option(metavar="FILE", help="CSV with the true trajectory.")] = None,
+    control: Annotated[
+        int | None,
+        typer.Option(min=1, max=65535, metavar="PORT", help=f"UDP on loopback: {KNOWN}."),
+    ] = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="A line every 10 s.")] = False,
 ) -> None:
     """Show a simulated vehicle a mine: depth and ranges where it truly is, and odometry for its autopilot.
@@ -134,6 +139,7 @@ def world(
         stop_on_contact=stop_on_contact,
         score=score,
         trajectory=trajectory,
+        control_port=control,
         verbose=verbose,
     )
     if plan.feed is not Feed.NONE and plan.truth_from is TruthKind.LOCAL:

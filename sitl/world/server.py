@@ -28,6 +28,7 @@ from sitl.world.handshake import Handshake, told_an_origin, wanted_ids
 from sitl.world.mavlink_out import Feed, LocalFrame, Outgoing, bins_of_beams, bins_of_planar
 from sitl.world.odometry import Odometry, OdometrySettings
 from sitl.world.placement import Placer, Scene
+from sitl.world.trouble import commanded
 from sitl.world.truth_messages import TruthKind, TruthReader
 
 log = logging.getLogger(__name__)
@@ -59,6 +60,7 @@ class Plan:
     stop_on_contact: bool = False
     score: Path | None = None
     trajectory: Path | None = None
+    control_port: int | None = None
     verbose: bool = False
 
 
@@ -120,7 +122,10 @@ class WorldServer:
         renderer = ThreadPoolExecutor(1, thread_name_prefix="render")
         try:
             with self._trajectory, signals_call(self.stop):
-                async with StreamServer(self._plan.stream_url, self._camera, self._clock) as server:
+                async with (
+                    commanded(self._plan.control_port, self._odometry.begin),
+                    StreamServer(self._plan.stream_url, self._camera, self._clock) as server,
+                ):
                     self._say(self._introduction(server))
                     ended = await first_of(
                         self._stop.wait(),

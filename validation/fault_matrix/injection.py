@@ -45,6 +45,8 @@ class Injection:
         what: what is done, in a line, for the table.
         inject: does it; called at the worst moment, in the harness's own process.
         expects: the final states that are right.
+        before: what is done before the take-off.
+        exploring: what is done when the flight towards the wall begins.
         undo: takes it away again after the flight was judged, where processes could not end otherwise.
         limit_s: the configured time that must pass before the fault can be told from nothing; the time to brake is
             counted from its end.
@@ -62,6 +64,8 @@ class Injection:
     what: str
     inject: Callable[[Flight], None]
     expects: frozenset[Final]
+    before: Callable[[Flight], None] | None = None
+    exploring: Callable[[Flight], None] | None = None
     undo: Callable[[Flight], None] | None = None
     limit_s: float = 0.0
     needs_stop: bool = True

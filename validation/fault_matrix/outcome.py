@@ -51,6 +51,9 @@ class Outcome:
         problem: what was not as it must be, in words; None: nothing.
         attempts: flights that it took to come as far as the fault, on a computer that did not stand still.
         stood_still_s: the longest time for which the gate, the autopilot or the wires waited for a processor.
+        standing_s: from the fault until it stood, in truth; None: it did not.
+        mode: of the autopilot in the end.
+        texts: what the autopilot told its pilot after the fault.
     """
 
     name: str
@@ -67,6 +70,9 @@ class Outcome:
     problem: str | None
     attempts: int = 1
     stood_still_s: float = 0.0
+    standing_s: float | None = None
+    mode: str = ""
+    texts: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -84,7 +90,9 @@ class Truth:
     d_m: float | None
 
 
-def judged(flight: Flight, injection: Injection, fault_s: float, end_s: float, verified: str | None) -> Outcome:
+def judged(
+    flight: Flight, injection: Injection, fault_s: float, end_s: float, verified: str | None, told: int = 0
+) -> Outcome:
     """The outcome of a flight whose processes have ended.
 
     Args:
@@ -93,6 +101,7 @@ def judged(flight: Flight, injection: Injection, fault_s: float, end_s: float, v
         fault_s: when it came, in s of `time.monotonic`.
         end_s: until when the flight is judged.
         verified: what the fault's own check found wrong.
+        told: texts of the autopilot before the fault.
     """
     looks = [look for look in read_truth(flight.folder / "truth.csv") if look.t_s <= end_s]
     before = [look for look in looks if look.t_s <= fault_s]
@@ -117,7 +126,26 @@ def judged(flight: Flight, injection: Injection, fault_s: float, end_s: float, v
         final=final,
         gate=tuple(text.text for text in seen.texts(fault_s) if _is_of_gate(text, end_s)),
         problem=_problem(injection, brake_s, contacts, final, verified),
+        standing_s=standing_s(after, fault_s),
+        mode=_mode(flight.witness, end_s),
+        texts=tuple(flight.witness.texts[told:]),
     )
+
+
+def standing_s(looks: Sequence[Truth], fault_s: float) -> float | None:
+    """From the fault until the first moment from which on it stood for `STANDING_FOR_S`."""
+    moving_s = fault_s
+    for look in looks:
+        if look.speed_mps > STANDING_MPS:
+            moving_s = look.t_s
+        elif look.t_s - moving_s >= STANDING_FOR_S:
+            return moving_s - fault_s
+    return None
+
+
+def _mode(witness: Witness, end_s: float) -> str:
+    beats = [beat for beat in tuple(witness.beats) if beat.t_s <= end_s]
+    return f"{beats[-1].mode}{'' if beats[-1].armed else ', disarmed'}" if beats else "not heard"
 
 
 def _problem(

@@ -3,26 +3,38 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import signal
 import socket
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from companion.config.load import merge
 from companion.config.settings import Settings
 from companion.errors import CompanionError
 from companion.flight.request import FlightRequest, application, module, sealed
 from companion.gate.plan import Plan
 from companion.safety_case.gate_plan import to_plan
-from sitl.launch.processes import Sections, command, environment, free_tcp_port, free_udp_ports, write_settings
+from sitl.launch.processes import (
+    WORLD_SERVES,
+    Sections,
+    command,
+    environment,
+    free_tcp_port,
+    free_udp_ports,
+    write_settings,
+)
+from sitl.launch.program import Ports, Program, Running
 from tests.integration.relay import UdpRelay
-from tests.integration.rig import BOOT_S, SILENCE
 from tests.integration.witness import Witness, speed_mps
 from validation.fault_matrix.corridor import TO_WALL_M, corridor
+from validation.fault_matrix.injection import Injection
 from validation.fault_matrix.processes import children, map_process
+from validation.fault_matrix.stand import Stand
 from validation.fault_matrix.standstill import Standstill
 from validation.fault_matrix.stream_relay import StreamRelay
 
@@ -62,7 +74,10 @@ class Flight:
         stream: between world and application.
         witness: a ground station that only looks on.
         standstill: tells when the computer did not run what has to run.
-        control_port: of the autopilot: takeover, battery PERCENT, gps on|off.
+        world: its process.
+        autopilot: its process.
+        control_port: of the stub: takeover, battery PERCENT, gps on|off.
+        world_port: of the world: what goes wrong with its odometry.
         flyer_port: of the application: the words of `flyer_faults`.
     """
 
@@ -77,7 +92,10 @@ class Flight:
     stream: StreamRelay
     witness: Witness
     standstill: Standstill
+    world: Running
+    autopilot: Running
     control_port: int
+    world_port: int
     flyer_port: int
 
     @property
@@ -97,7 +115,9 @@ class Flight:
 
     def wall_m(self) -> float:
         """From the middle of the vehicle to the wall ahead, by what the autopilot tells."""
-        return TO_WALL_M - self.witness.pose().x_m
+        here = self.witness.pose()
+        # It was at rest at 0, and flies straight ahead; which way that is called, each autopilot decides for itself.
+        return TO_WALL_M - math.hypot(here.x_m, here.y_m)
 
     def said(self) -> str:
         """What gate and application have said."""
@@ -110,6 +130,10 @@ class Flight:
     def tell_autopilot(self, words: str) -> None:
         """A hand on the transmitter, the battery, the antenna."""
         _tell(self.control_port, words)
+
+    def tell_world(self, words: str) -> None:
+        """A hand on the tracking camera."""
+        _tell(self.world_port, words)
 
     def wait(self, what: str, ready: Callable[[], bool], timeout_s: float) -> None:
         """Until it has come about.
@@ -127,36 +151,38 @@ class Flight:
 
 
 @contextlib.contextmanager
-def flying(folder: Path, personality: str, settings: Sections | None = None) -> Iterator[Flight]:
+def flying(folder: Path, stand: Stand, injection: Injection) -> Iterator[Flight]:
     """Take off and explore; all processes end with the block."""
-    ports = free_udp_ports(4)
-    gate_port, world_port, control_port, flyer_port = ports
-    world_tcp = free_tcp_port()
+    gate_port, control_port, world_port, flyer_port = free_udp_ports(4)
+    world_tcp, wanted = free_tcp_port(), stand.wanted()
     with contextlib.ExitStack() as stack:
-        relay = stack.enter_context(UdpRelay(gate_port))
+        relay = stack.enter_context(UdpRelay(gate_port, port=wanted.application))
         stream = stack.enter_context(StreamRelay(world_tcp))
-        witness = stack.enter_context(Witness())
+        witness = stack.enter_context(stand.witness(wanted.ground))
         config = folder / "vehicle.yaml"
-        loaded = write_config(config, gate_port, stream.url, settings or {})
-        mesh = corridor(folder)
+        gps = {"autopilot": {"gps": stand.gps}}
+        settings = write_config(config, gate_port, stream.url, merge(gps, dict(injection.settings)))
+        ports = Ports(relay.port, witness.port, wanted.world)
         # Side by side: each of them takes seconds to load. What is started last ends first.
-        world = _serve(stack, folder, "world", _world(folder, mesh, config, world_port, world_tcp))
-        autopilot = _serve(
-            stack, folder, "autopilot", _autopilot(personality, control_port, (relay.port, witness.port, world_port))
-        )
-        plan, gate = _gate(stack, folder, loaded, flyer_port)
+        world = _serve(stack, folder, _world(folder, stand, config, ports.world, world_tcp, world_port))
+        autopilot = _serve(stack, folder, stand.program(folder, settings, ports, control_port))
+        plan, gate = _gate(stack, folder, settings, flyer_port)
         standstill = stack.enter_context(Standstill({"the gate": gate.pid, "the autopilot": autopilot.process.pid}))
         flight = Flight(
-            *(folder, personality, config, loaded, plan, gate, gate_port),
-            *(relay, stream, witness, standstill),
-            *(control_port, flyer_port),
+            *(folder, stand.personality, config, settings, plan, gate, gate_port),
+            *(relay, stream, witness, standstill, world, autopilot),
+            *(control_port, world_port, flyer_port),
         )
         stack.enter_context(_precedence())
-        autopilot.wait("standing at")
-        world.wait("waiting for its truth")
+        for one in (autopilot, world):
+            one.wait(START_S)
         flight.wait("ready", lambda: "flyer: loaded" in flight.said(), START_S)
+        if injection.before is not None:
+            injection.before(flight)
         flight.tell_flyer("go")
         flight.wait("exploring", lambda: "\nexploring" in flight.said(), START_S)
+        if injection.exploring is not None:
+            injection.exploring(flight)
         yield flight
 
 
@@ -202,65 +228,23 @@ def write_config(config: Path, gate_port: int, stream_url: str, settings: Sectio
     return write_settings(config, "flight", every, settings)
 
 
-def _world(folder: Path, mesh: Path, config: Path, truth_port: int, stream_port: int) -> list[str]:
-    return [
-        *command("sitl", "world"),
-        *("--world", str(mesh), "--config", str(config)),
+def _world(folder: Path, stand: Stand, config: Path, truth_port: int, stream_port: int, control_port: int) -> Program:
+    hz = "30" if stand.personality == "px4" else "50"
+    options = (
+        *("--world", str(corridor(folder)), "--config", str(config), "--control", str(control_port)),
         *("--truth", f"udp://{LOOPBACK}:{truth_port}", "--stream", f"tcp://{LOOPBACK}:{stream_port}"),
         *("--score", str(folder / "truth.json"), "--trajectory", str(folder / "truth.csv")),
-    ]
+        *([] if stand.gps else ["--no-gps", "--odometry", "odometry", "--odometry-hz", hz]),
+        *stand.world_options,
+    )
+    return Program("world", (*command("sitl", "world"), *options), WORLD_SERVES)
 
 
-def _autopilot(personality: str, control_port: int, to: Sequence[int]) -> list[str]:
-    return [
-        *command("sitl", "autopilot"),
-        *("--personality", personality, "--boot-s", f"{BOOT_S:g}", "--control", str(control_port)),
-        *(part for port in to for part in ("--to", f"{LOOPBACK}:{port}")),
-        *(part for parameter in SILENCE[personality] for part in ("--param", parameter)),
-    ]
-
-
-@dataclass(frozen=True, slots=True)
-class _Server:
-    """A process that ends with the flight."""
-
-    name: str
-    process: subprocess.Popen[bytes]
-    log: Path
-
-    def wait(self, words: str) -> None:
-        """Until it says that it serves."""
-        give_up_s = time.monotonic() + START_S
-        while words not in (said := self.log.read_text(encoding="utf-8", errors="replace")):
-            code = self.process.poll()
-            if code is not None or time.monotonic() > give_up_s:
-                raise SceneError(f"{self.name} does not serve (exit code {code}): {said[-1500:]}")
-            time.sleep(0.05)
-
-
-def _serve(stack: contextlib.ExitStack, folder: Path, name: str, arguments: Sequence[str]) -> _Server:
-    log = folder / f"{name}.log"
-    with log.open("wb") as written:
-        process = subprocess.Popen(
-            ["nice", "-n", str(HARDWARE_NICENESS), *arguments],
-            stdin=subprocess.DEVNULL,
-            stdout=written,
-            stderr=subprocess.STDOUT,
-            env=environment(),
-            start_new_session=True,
-        )
-    stack.callback(_end, process)
-    return _Server(name, process, log)
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """In good order, so that it writes what it knows."""
-    process.send_signal(signal.SIGTERM)
-    try:
-        process.wait(15.0)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
+def _serve(stack: contextlib.ExitStack, folder: Path, program: Program) -> Running:
+    """Started, and ended with the flight."""
+    running = Running(program, folder, HARDWARE_NICENESS)
+    stack.callback(running.end)
+    return running
 
 
 def _gate(

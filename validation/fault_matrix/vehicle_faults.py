@@ -43,7 +43,7 @@ def _change_mode(flight: Flight) -> None:
     flight.relay.send_up(pack(order, GROUND_STATION))
 
 
-def _hands_off(flight: Flight) -> str | None:
+def hands_off(flight: Flight) -> str | None:
     """Nothing of ours flies it once a heartbeat has told that somebody else does."""
     kind = AutopilotKind.PX4 if flight.personality == "px4" else AutopilotKind.ARDUPILOT
     offboard = personality(kind).offboard
@@ -113,7 +113,7 @@ PEOPLES_ORDERS = (
         lambda flight: flight.tell_autopilot("takeover"),
         frozenset({Final.PILOT}),
         needs_stop=False,
-        verify=_hands_off,
+        verify=hands_off,
     ),
     Injection(
         "mode changed by a ground station",
@@ -122,7 +122,7 @@ PEOPLES_ORDERS = (
         _change_mode,
         frozenset({Final.PILOT}),
         needs_stop=False,
-        verify=_hands_off,
+        verify=hands_off,
     ),
     Injection(
         "ground stop to the gate",
