@@ -15,7 +15,7 @@ from companion.mavlink.ids import MavChargeState, MavState
 SAG_S = 5.0
 """A voltage must stay low for so long: it sags for a moment whenever the motors pull."""
 UNKNOWN_MV = 65535
-SPENT = frozenset(MavChargeState) - {MavChargeState.LOW}
+SPENT = frozenset(state for state in MavChargeState if state.is_low) - {MavChargeState.LOW}
 """What does not wait for a second opinion."""
 
 
