@@ -116,10 +116,10 @@ class StaleSettings(Section):
         "measurement, 30 or 50 odometries or 5 fixes a second; ArduCopter itself notices the loss after 7 s",
     )
     gps_s: float = Field(
-        0.6,
+        0.5,
         ge=0.3,
         le=10.0,
-        description="with autopilot.gps: no position fix for this long, in s: a receiver sends five a second",
+        description="with autopilot.gps: no position fix for this long, in s: of five a second one may be lost",
     )
     odometry_s: float = Field(
         0.25,
