@@ -119,7 +119,7 @@ class StaleSettings(Section):
         0.5,
         ge=0.3,
         le=10.0,
-        description="with autopilot.gps: no position fix for this long, in s: a receiver sends five a second",
+        description="with autopilot.gps: no position fix for this long, in s: of five a second one may be lost",
     )
     odometry_s: float = Field(
         0.25,

@@ -29,8 +29,7 @@ PLACELESS = frozenset(
     }
 )  # fmt: skip
 """While one of these counts the position is not believed: to go back to a place by it would be to fly by it. Whether it
-is fresh the gate sees for itself: `Fault.POSE_STALE` is also what an application has that hangs, and that is when it has
-to stand."""
+is fresh the gate sees for itself: `Fault.POSE_STALE` is also what an application has that hangs."""
 UNSTOPPABLE = frozenset({Fault.POSE_FROZEN, Fault.ESTIMATOR, Fault.NOT_OBEYED})
 """While one of these counts zero velocity means nothing: nobody waits for it to work."""
 

@@ -24,7 +24,9 @@ from companion.mavlink.firmware import MEASURED_BRAKE_MPS2
 SILENCE_EXTRA_S = 0.12
 """PX4 acted 0.03 to 0.12 s after its COM_OF_LOSS_T; ArduCopter no later than that after its GUID_TIMEOUT."""
 FAILSAFE_BRAKE_MPS2 = MEASURED_BRAKE_MPS2
-"""How the autopilots stop by themselves, whichever it is."""
+"""How the autopilots stop by themselves when setpoints stop, whichever it is."""
+MODE_BRAKE_MPS2, MODE_CREEP_M = 0.38, 0.21
+"""How they stop when they are ordered to hold or to land: PX4 from 0.4 m/s stood after 0.27 m and went on to 0.48 m."""
 
 DRIFT_MPS = 0.2
 """How fast the place drifts that nothing measures any more: ArduCopter was measured to drift at 0.1 to 0.17 m/s."""
@@ -208,7 +210,8 @@ def _cases(plan: Plan, basis: Basis) -> Iterator[Case]:
     # The gate looks every cycle. One more period because a single stop may be lost on the way.
     reaction_s = CYCLE_S + plan.period_s
     # A vehicle that brakes worse than the autopilots were measured to does so in their failsafe too.
-    failsafe_mps2 = min(FAILSAFE_BRAKE_MPS2, plan.stopping.brake_mps2)
+    stop = plan.stopping
+    failsafe_mps2 = min(FAILSAFE_BRAKE_MPS2, stop.brake_mps2)
     noticed = {
         Fault.SETPOINT_LATE: Noticed(limit.setpoint_s + limit.pose_s, (stale + "setpoint_s", stale + "pose_s")),
         # Never sent on; what went before it is a period old at most.
@@ -237,10 +240,11 @@ def _cases(plan: Plan, basis: Basis) -> Iterator[Case]:
             keys=found.keys,
             detection_s=found.after_s,
             reaction_s=reaction_s,
-            autopilot_s=plan.stopping.delay_s,
+            autopilot_s=stop.delay_s,
             # To hold and to land the autopilot brakes in its own way.
-            brake_mps2=plan.stopping.brake_mps2 if first is Stage.BRAKE else failsafe_mps2,
-            creep_m=plan.stopping.creep_m + DRIFT_MPS * found.drifts_s,
+            brake_mps2=min(stop.brake_mps2, MODE_BRAKE_MPS2) if first >= Stage.HOLD else stop.brake_mps2,
+            creep_m=(max(stop.creep_m, MODE_CREEP_M) if first >= Stage.HOLD else stop.creep_m)
+            + DRIFT_MPS * found.drifts_s,
             stops=first is not Stage.PASS,
         )
     for name in ("gate killed", "computer dead", "link cut"):
@@ -251,6 +255,6 @@ def _cases(plan: Plan, basis: Basis) -> Iterator[Case]:
             reaction_s=0.0,
             autopilot_s=0.0,
             brake_mps2=failsafe_mps2,
-            creep_m=plan.stopping.creep_m,
+            creep_m=stop.creep_m,
             stops=True,
         )

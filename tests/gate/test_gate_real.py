@@ -23,8 +23,9 @@ from tests.gate.built import (
     in_the_air,
     reacting,
     setpoint,
+    texts_of,
 )
-from tests.gate.gate_scene import NOW_S, Scene, flying, texts_of
+from tests.gate.gate_scene import NOW_S, Scene, flying
 
 BOTH = pytest.mark.parametrize("kind", KINDS)
 
@@ -139,7 +140,8 @@ def test_an_estimator_without_news_stops_it(kind: AutopilotKind) -> None:
     }[kind]
     for tick in range(30):
         new = 0.1 + (0.01 * tick if tick < 15 else 0.2)
-        air.tell(name, flags=0x33F, **dict.fromkeys(figures, new))
+        fields: dict[str, Any] = {"flags": 0x33F} | dict.fromkeys(figures, new)
+        air.tell(name, **fields)
         air.run(0.1)
         if air.stage() is not Stage.PASS:
             break

@@ -106,7 +106,7 @@ def test_it_must_go_on_for_a_while() -> None:
         watched.on_setpoint(0.0, 0.0, now_s)
         watched.on_velocity(0.5, 0.0, now_s)
         found[tick * PERIOD_S] = watched.wrong(now_s) is not None
-    assert [after_s for after_s, wrong in found.items() if wrong][0] == PERIOD_S + FOR_S
+    assert next(after_s for after_s, wrong in found.items() if wrong) == PERIOD_S + FOR_S
     watched.on_velocity(0.1, 0.0, begun_s + 0.75)
     assert watched.wrong(begun_s + 0.75) is None, "and a good one ends it"
 

@@ -121,7 +121,7 @@ def texts(outgoing: Outgoing, now_s: float) -> list[str]:
 
 
 def test_what_is_urgent_waits_for_nothing() -> None:
-    """Protects the pilot's first look: what is being done now comes before what was found, and never half a second late."""
+    """Protects the pilot's first look: what is being done now comes at once, before what was found."""
     outgoing = Outgoing(SYSTEM)
     for i in range(8):
         outgoing.say(f"fault {i}")

@@ -41,6 +41,10 @@ def is_airborne(vehicle: Vehicle) -> bool:
     return vehicle.airborne
 
 
+def is_steered(vehicle: Vehicle) -> bool:
+    return vehicle.steered
+
+
 def estimates(vehicle: Vehicle) -> bool | None:
     return vehicle.estimator_good
 
@@ -399,15 +403,15 @@ def test_a_failsafe_of_the_autopilot_is_told_from_a_person(status: int, by_fails
 def test_it_is_steered_once_the_mode_of_setpoints_shows() -> None:
     """Protects from comparing what is flown with setpoints that nobody takes."""
     vehicle = ours()
-    assert vehicle.steered
+    assert is_steered(vehicle)
     mode(vehicle, PX4.hold)
-    assert not vehicle.steered
+    assert not is_steered(vehicle)
     heartbeat(vehicle, PX4.hold, 4.0)
-    assert not vehicle.steered
+    assert not is_steered(vehicle)
     mode(vehicle, PX4.offboard)
-    assert not vehicle.steered
+    assert not is_steered(vehicle)
     heartbeat(vehicle, PX4.offboard, 5.0)
-    assert vehicle.steered
+    assert is_steered(vehicle)
 
 
 def test_a_new_flight_misses_nothing_of_the_last() -> None:

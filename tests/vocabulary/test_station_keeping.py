@@ -1,4 +1,4 @@
-"""Staying where one is: slowly, always towards the place, on axes of either hand, and never by a number that is none."""
+"""Staying where one is: slowly, always towards the place, on axes of either hand, never by a number that is none."""
 
 from __future__ import annotations
 

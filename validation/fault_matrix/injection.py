@@ -13,7 +13,7 @@ if TYPE_CHECKING:  # the scene knows what an injection asks of it
 PERSONALITIES = ("px4", "ardupilot")
 TRIGGER_M = 1.45
 """At this distance from the wall the fault comes: the vehicle still flies at full speed, and would brake by itself at
-1.06 m with PX4 and at 1.19 m with ArduPilot, which brakes less."""
+1.29 m from 0.5 m/s."""
 
 
 class Final(enum.StrEnum):
