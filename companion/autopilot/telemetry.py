@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from companion.autopilot import global_origin, vehicle_state
 from companion.autopilot.interface import Link, Message, Stream
 from companion.autopilot.message_rates import MessageRates, ask, polled_ids, wanted_hz
-from companion.autopilot.vehicle_state import StatusText, VehicleState, integer, number
+from companion.autopilot.vehicle_state import PrearmState, StatusText, VehicleState, integer, number
 from companion.clock import Clock, ClockAlignment
 from companion.config.settings import Settings
 from companion.frames import NedPose, pose_from_ned
@@ -140,6 +140,7 @@ class Telemetry:
         flags = 0 if heartbeat is None else integer(heartbeat, "base_mode") or 0
         pose = self.poses.newest()
         landed = _fresh(self._landed, now_s, STALE_S)
+        system = _fresh(self._system, now_s, STALE_S)
         estimator = _fresh(self._estimator, now_s, STALE_S)
         estimator_flags = None if estimator is None else integer(estimator, "flags")
         return VehicleState(
@@ -157,6 +158,7 @@ class Telemetry:
             low_voltage_s=0.0 if self._low_since_s is None else max(0.0, now_s - self._low_since_s),
             charge_state=self._charge_state(now_s),
             critical=status in (MavState.CRITICAL, MavState.EMERGENCY),
+            prearm=PrearmState.UNKNOWN if system is None else vehicle_state.prearm(self._link.kind, system),
             global_position=self._global_position.age_s(now_s) <= global_origin.HEARD_S,
         )
 

@@ -106,6 +106,7 @@ class Bench:
         self.height_m: float | None = 0.12
         self.armed = False
         self.battery = 90
+        self.prearm = dict.fromkeys(("onboard_control_sensors_enabled", "onboard_control_sensors_health"), 1 << 28)
         self.flags = 511 if kind is PX4 else 0x33F
         self.seconds = 3.0
         self.streams = True
@@ -125,7 +126,7 @@ class Bench:
             answered = len(questions)
             if i % 50 == 0:
                 self.link.deliver("HEARTBEAT", {"custom_mode": self.mode, "base_mode": 128 if self.armed else 0})
-                self.link.deliver("SYS_STATUS", {"battery_remaining": self.battery})
+                self.link.deliver("SYS_STATUS", {"battery_remaining": self.battery, **self.prearm})
                 if not self.settings.autopilot.gps:
                     self.link.deliver("GPS_GLOBAL_ORIGIN", {"latitude": 1, "longitude": 1, "altitude": 0})
                     self.link.deliver("GLOBAL_POSITION_INT", {"lat": 1, "lon": 1})
@@ -300,6 +301,17 @@ async def test_what_is_as_safe_by_another_way_may_stay(
     bench = Bench(kind, tmp_path)
     bench.link.params |= changed
     assert (await bench.failures()) == failed
+
+
+async def test_ardupilot_that_would_refuse_to_arm_is_not_asked_to(tmp_path: Path) -> None:
+    """Protects whoever has stepped back from it: its reasons are told before, in its own words. PX4's bit only shows."""
+    for kind, failed in ((ARDUPILOT, ["prearm"]), (PX4, [])):
+        bench = Bench(kind, tmp_path)
+        bench.prearm["onboard_control_sensors_health"] = 0
+        bench.link.deliver("STATUSTEXT", {"severity": 2, "text": "PreArm: Gyros inconsistent"})
+        assert (await bench.failures()) == failed
+        found = next(one.found for one in bench.results if one.name == "prearm")
+        assert ("Gyros inconsistent" in found) == (kind is ARDUPILOT)
 
 
 async def test_a_value_that_only_the_owner_knows_is_not_guessed_by_fix(tmp_path: Path) -> None:
