@@ -54,6 +54,7 @@ class VehicleState:
         voltage_v: of the battery; None when not measured.
         low_voltage_s: for how long it has been below ``mission.battery_low_v``; 0 when it is not, or is not judged.
         charge_state: the worst of its batteries as the autopilot judges them; None when it does not say.
+        speed_mps: the median of what it says to move at, over the last 3 s; None when it does not say.
         prearm: what its own checks before arming say.
         critical: its heartbeat says critical or emergency: a failsafe of its own is at work.
         version: of the firmware, for example "1.15.0" or "4.7.0-dev".
@@ -75,6 +76,7 @@ class VehicleState:
     charge_state: MavChargeState | None = None
     critical: bool = False
     prearm: PrearmState = PrearmState.UNKNOWN
+    speed_mps: float | None = None
 
 
 def number(message: Message, name: str) -> float:

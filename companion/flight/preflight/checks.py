@@ -18,7 +18,7 @@ from companion.flight.preflight.battery import battery
 from companion.flight.preflight.origin import ORIGIN, origin
 from companion.flight.preflight.parameter_check import check_rule
 from companion.flight.preflight.parameter_rules import parameter_check_names, rules
-from companion.flight.preflight.position import POSE_AGE_S, estimator
+from companion.flight.preflight.position import POSE_AGE_S, STANDING, estimator, standing
 from companion.flight.preflight.prearm import PREARM, prearm
 from companion.flight.preflight.result import CheckResult, age
 from companion.mavlink.firmware import ARDUCOPTER_BRAKE_MPS2, AutopilotKind
@@ -45,7 +45,7 @@ _LANDED_IN = frozenset({"land", "precision land"})
 def check_names(settings: Settings) -> tuple[str, ...]:
     """The names of all checks, as `run_checks` skips them, of both autopilots."""
     connection = ("link", "autopilot", "attitude", "position", "clock")
-    vehicle = ("height", "estimator", ORIGIN, PREARM, "battery", "storage", "disarmed", "mode", BRAKING)
+    vehicle = ("height", "estimator", STANDING, ORIGIN, PREARM, "battery", "storage", "disarmed", "mode", BRAKING)
     return (*connection, *_sensor_names(settings), *vehicle, *parameter_check_names(settings))
 
 
@@ -84,6 +84,7 @@ async def run_checks(
         *_sensors(inputs, settings),
         _height(height_m, settings),
         estimator(link.kind, state, settings.autopilot),
+        standing(link.kind, state),
         *await origin(link, lambda: telemetry.state(clock.now_s()), settings.autopilot),
         prearm(link.kind, state, telemetry.texts, now_s),
         await battery(link, state, settings.mission),

@@ -106,6 +106,7 @@ class Bench:
         self.height_m: float | None = 0.12
         self.armed = False
         self.battery = 90
+        self.v_east_mps = 0.0
         self.prearm = dict.fromkeys(("onboard_control_sensors_enabled", "onboard_control_sensors_health"), 1 << 28)
         self.flags = 511 if kind is PX4 else 0x33F
         self.seconds = 3.0
@@ -134,7 +135,7 @@ class Bench:
             if self.streams:
                 attitude = dict.fromkeys(("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed"), 0.0)
                 self.link.deliver("ATTITUDE", {"time_boot_ms": now_ms, **attitude})
-                position = dict.fromkeys(("x", "y", "z", "vx", "vy", "vz"), 0.0)
+                position = dict.fromkeys(("x", "y", "z", "vx", "vy", "vz"), 0.0) | {"vy": self.v_east_mps}
                 self.link.deliver("LOCAL_POSITION_NED", {"time_boot_ms": now_ms, **position})
 
     async def check(self, fix: bool = False, skip: Collection[str] = ()) -> dict[str, CheckResult]:
@@ -173,7 +174,8 @@ async def test_a_vehicle_with_which_everything_is_right_may_fly(kind: AutopilotK
         pytest.param({"battery": 20}, {}, ["battery"], id="empty"),
         pytest.param({"battery": -1}, {}, ["battery"], id="unknown battery"),
         pytest.param({"flags": 229}, {}, ["estimator"], id="lost"),
-        pytest.param({"streams": False}, {}, ["attitude", "position", "estimator"], id="no streams"),
+        pytest.param({"streams": False}, {}, ["attitude", "position", "estimator", "standing"], id="no streams"),
+        pytest.param({"v_east_mps": 0.11}, {}, ["standing"], id="drifts"),
         pytest.param({}, {"depth": None}, ["depth"], id="no depth"),
         pytest.param({}, {"depth": reading(2.0)}, ["depth"], id="slow depth"),
         pytest.param({}, {"down": reading(10.0, age_s=1.0)}, ["down"], id="stale beam"),
@@ -304,7 +306,7 @@ async def test_what_is_as_safe_by_another_way_may_stay(
 
 
 async def test_ardupilot_that_would_refuse_to_arm_is_not_asked_to(tmp_path: Path) -> None:
-    """Protects whoever has stepped back from it: its reasons are told before, in its own words. PX4's bit only shows."""
+    """Protects whoever has stepped back from it: its reasons are told before. PX4's bit is only shown."""
     for kind, failed in ((ARDUPILOT, ["prearm"]), (PX4, [])):
         bench = Bench(kind, tmp_path)
         bench.prearm["onboard_control_sensors_health"] = 0
