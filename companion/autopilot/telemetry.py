@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+import statistics
 from collections import deque
 from collections.abc import Callable, Mapping
 
 from companion.autopilot import global_origin, vehicle_state
 from companion.autopilot.interface import Link, Message, Stream
 from companion.autopilot.message_rates import MessageRates, ask, polled_ids, wanted_hz
-from companion.autopilot.vehicle_state import StatusText, VehicleState, integer, number
+from companion.autopilot.vehicle_state import PrearmState, StatusText, VehicleState, integer, number
 from companion.clock import CRYSTAL_RATE, Clock, ClockAlignment
 from companion.config.settings import Settings
 from companion.frames import NedPose, pose_from_ned
@@ -36,6 +37,7 @@ LONGEST_TEXT = 200
 """A STATUSTEXT has 50 bytes, and one in several pieces is not put together here."""
 STALE_S = 3.0
 """Answers of the estimator and of the landing detector, asked for at 2 Hz, count no longer than this."""
+SPEED_WINDOW_S, SPEEDS = 3.0, 1024
 BATTERY_STALE_S = 10.0
 BATTERIES = 16
 """Of which the state is kept; ArduPilot knows as many."""
@@ -81,6 +83,7 @@ class Telemetry:
         self._asked_time_s = -math.inf
         self._asked_version_s = -math.inf
         self._position: Pose | None = None
+        self._speeds: deque[tuple[float, float]] = deque(maxlen=SPEEDS)  # when, m/s
         self._texts: deque[StatusText] = deque(maxlen=TEXTS)
         self._piece, self._whole = (0, 0), ""  # number and place of the newest piece, and the text up to it
         self._heartbeat: Message | None = None  # the newest that could be read
@@ -152,6 +155,7 @@ class Telemetry:
         flags = 0 if heartbeat is None else integer(heartbeat, "base_mode") or 0
         pose = self.poses.newest()
         landed = _fresh(self._landed, now_s, STALE_S)
+        system = _fresh(self._system, now_s, STALE_S)
         estimator = _fresh(self._estimator, now_s, STALE_S)
         estimator_flags = None if estimator is None else integer(estimator, "flags")
         return VehicleState(
@@ -169,6 +173,8 @@ class Telemetry:
             low_voltage_s=0.0 if self._low_since_s is None else max(0.0, now_s - self._low_since_s),
             charge_state=self._charge_state(now_s),
             critical=status in (MavState.CRITICAL, MavState.EMERGENCY),
+            prearm=PrearmState.UNKNOWN if system is None else vehicle_state.prearm(self._link.kind, system),
+            speed_mps=self._median_speed_mps(now_s),
             global_position=self._global_position.age_s(now_s) <= global_origin.HEARD_S,
         )
 
@@ -190,6 +196,10 @@ class Telemetry:
         fresh = [one for one in self._batteries.values() if now_s - one.received_s <= BATTERY_STALE_S]
         states = [state for one in fresh if (state := vehicle_state.charge_state(one)) is not None]
         return max((state for state in states if state.is_low), default=min(states, default=None))
+
+    def _median_speed_mps(self, now_s: float) -> float | None:
+        recent = [speed_mps for t_s, speed_mps in self._speeds if t_s > now_s - SPEED_WINDOW_S]
+        return statistics.median(recent) if recent else None
 
     def _on_battery(self, message: Message) -> None:
         number = integer(message, "id") or 0
@@ -239,6 +249,7 @@ class Telemetry:
         self.restarts += 1
         self.poses.clear()
         self._position = None
+        self._speeds.clear()
         self._questions.clear()
         self._rates.restart()
         self._begun_s = now_s
@@ -257,6 +268,7 @@ class Telemetry:
             self.poses.clear()
         if self._position is None or pose.t_s > self._position.t_s:
             self._position = pose
+        self._speeds.append((pose.t_s, math.hypot(pose.vx_mps, pose.vy_mps, pose.vz_mps)))
         self.poses.add_position(pose.t_s, pose.x_m, pose.y_m, pose.z_m, pose.vx_mps, pose.vy_mps, pose.vz_mps)
 
     def _jumped(self, before: Pose, after: Pose) -> bool:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import enum
 import math
 from dataclasses import dataclass
 
 from companion.autopilot.interface import Message
-from companion.mavlink.ids import MavChargeState
+from companion.mavlink.firmware import AutopilotKind
+from companion.mavlink.ids import MavChargeState, MavSysStatusSensor
 
 NOT_MEASURED_MV = 65535
 LARGEST_INTEGER, LARGEST_NUMBER = 2**64 - 1, 3.5e38
@@ -23,6 +25,15 @@ class StatusText:
     received_s: float
     severity: int
     text: str
+
+
+class PrearmState(enum.StrEnum):
+    """Whether the autopilot would be armed now, as it says itself. On PX4 that is about the mode that it is in."""
+
+    UNKNOWN = "not told"
+    OFF = "its arming checks are off"
+    FAILING = "it would refuse to arm"
+    PASSED = "it can be armed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +54,8 @@ class VehicleState:
         voltage_v: of the battery; None when not measured.
         low_voltage_s: for how long it has been below ``mission.battery_low_v``; 0 when it is not, or is not judged.
         charge_state: the worst of its batteries as the autopilot judges them; None when it does not say.
+        speed_mps: the median of what it says to move at, over the last 3 s; None when it does not say.
+        prearm: what its own checks before arming say.
         critical: its heartbeat says critical or emergency: a failsafe of its own is at work.
         version: of the firmware, for example "1.15.0" or "4.7.0-dev".
     """
@@ -62,6 +75,8 @@ class VehicleState:
     low_voltage_s: float = 0.0
     charge_state: MavChargeState | None = None
     critical: bool = False
+    prearm: PrearmState = PrearmState.UNKNOWN
+    speed_mps: float | None = None
 
 
 def number(message: Message, name: str) -> float:
@@ -91,6 +106,17 @@ def battery_percent(message: Message) -> float | None:
     """Of a SYS_STATUS or BATTERY_STATUS; -1 on the wire is not measured."""
     percent = number(message, "battery_remaining")
     return percent if 0.0 <= percent <= 100.0 else None
+
+
+def prearm(kind: AutopilotKind, message: Message) -> PrearmState:
+    """Of a SYS_STATUS. PX4 does not say whether its checks are on."""
+    enabled = integer(message, "onboard_control_sensors_enabled")
+    healthy = integer(message, "onboard_control_sensors_health")
+    if enabled is None or healthy is None:
+        return PrearmState.UNKNOWN
+    if kind is AutopilotKind.ARDUPILOT and not enabled & MavSysStatusSensor.PREARM_CHECK:
+        return PrearmState.OFF
+    return PrearmState.PASSED if healthy & MavSysStatusSensor.PREARM_CHECK else PrearmState.FAILING
 
 
 def voltage_v(message: Message) -> float | None:

@@ -32,7 +32,10 @@ class AutopilotSettings(Section):
     )
     connect_timeout_s: float = Field(30.0, gt=0.0, le=600.0, description="how long to wait for the autopilot, in s")
     ready_timeout_s: float = Field(
-        60.0, ge=0.0, le=600.0, description="how long to wait for the autopilot's position before the checks, in s"
+        60.0,
+        ge=0.0,
+        le=600.0,
+        description="how long to wait for the autopilot's position, and until ArduPilot can be armed, in s",
     )
     command_timeout_s: float = Field(2.0, ge=0.5, le=30.0, description="how long to wait for an acknowledgement, in s")
     attitude_hz: float = Field(50.0, ge=5.0, le=200.0, description="rate at which attitudes are asked for")

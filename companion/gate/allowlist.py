@@ -39,9 +39,10 @@ ASKING = frozenset(
         MavCmd.REQUEST_MESSAGE,
         MavCmd.REQUEST_PROTOCOL_VERSION,
         MavCmd.REQUEST_AUTOPILOT_CAPABILITIES,
+        MavCmd.RUN_PREARM_CHECKS,
     }
 )
-"""Commands that ask for messages and nothing else."""
+"""Commands that ask, for messages or for what is in the way of arming, and move nothing."""
 
 MOVING = frozenset({MavCmd.DO_SET_MODE, MavCmd.COMPONENT_ARM_DISARM, MavCmd.NAV_TAKEOFF, MavCmd.NAV_LAND})
 """Commands of the application that move the vehicle."""

@@ -64,6 +64,12 @@ class MavChargeState(enum.IntEnum):
         return MavChargeState.LOW <= self <= MavChargeState.UNHEALTHY
 
 
+class MavSysStatusSensor(enum.IntFlag):
+    """MAV_SYS_STATUS_SENSOR, in the fields ``onboard_control_sensors_...`` of a SYS_STATUS."""
+
+    PREARM_CHECK = 0x10000000
+
+
 class MavModeFlag(enum.IntFlag):
     """MAV_MODE_FLAG, in ``base_mode`` of a heartbeat."""
 
@@ -101,6 +107,8 @@ class MavCmd(enum.IntEnum):
     MISSION_START = 300
     """Sent to the application: start the flight."""
     COMPONENT_ARM_DISARM = 400
+    RUN_PREARM_CHECKS = 401
+    """ArduPilot looks anew whether it could be armed, and says what is in the way; nothing moves."""
     GET_MESSAGE_INTERVAL = 510
     SET_MESSAGE_INTERVAL = 511
     REQUEST_MESSAGE = 512

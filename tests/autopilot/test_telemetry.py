@@ -384,6 +384,20 @@ def test_the_state_is_what_the_messages_say() -> None:
     assert (state.armed, state.mode, state.landed) == (False, "position", True)
 
 
+def test_the_speed_is_the_median_of_three_seconds() -> None:
+    """Protects the check of the standing vehicle from a single sample, and from what was said long ago."""
+    autopilot = Autopilot()
+    assert autopilot.state().speed_mps is None
+    autopilot.fly(4.0)
+    assert autopilot.state().speed_mps == pytest.approx(math.hypot(1.0, 0.1))
+    for _ in range(80):  # 1.6 s of standing: more than half of the last three
+        autopilot.clock.advance(0.02)
+        autopilot.position(vx=0.0, vz=0.0)
+    assert autopilot.state().speed_mps == 0.0
+    autopilot.clock.advance(3.1)
+    assert autopilot.state().speed_mps is None
+
+
 def test_what_was_said_long_ago_no_longer_counts() -> None:
     """Protects against an estimator that was healthy before the link died."""
     autopilot = Autopilot()

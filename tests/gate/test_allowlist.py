@@ -68,6 +68,7 @@ PASSES = [
     frame("STATUSTEXT", text="hello"),
     frame("PARAM_REQUEST_READ", target_system=1),
     command(511, 30.0, 20000.0),
+    command(401),
     frame("COMMAND_INT", target_system=1, target_component=1, command=512),
 ]
 

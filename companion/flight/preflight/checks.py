@@ -19,7 +19,8 @@ from companion.flight.preflight.clock_check import check_clock
 from companion.flight.preflight.origin import ORIGIN, origin
 from companion.flight.preflight.parameter_check import check_rule
 from companion.flight.preflight.parameter_rules import parameter_check_names, rules
-from companion.flight.preflight.position import POSE_AGE_S, estimator
+from companion.flight.preflight.position import POSE_AGE_S, STANDING, estimator, standing
+from companion.flight.preflight.prearm import PREARM, prearm
 from companion.flight.preflight.result import CheckResult, age
 from companion.mavlink.firmware import MEASURED_BRAKE_MPS2
 from companion.model import Beam
@@ -43,18 +44,9 @@ _LANDED_IN = frozenset({"land", "precision land"})
 
 def check_names(settings: Settings) -> tuple[str, ...]:
     """The names of all checks, as `run_checks` skips them, of both autopilots."""
-    plain = (
-        "link",
-        "autopilot",
-        "attitude",
-        "position",
-        "clock",
-        *_sensor_names(settings),
-        "height",
-        "estimator",
-        ORIGIN,
-    )
-    return (*plain, "battery", "storage", "disarmed", "mode", BRAKING, *parameter_check_names(settings))
+    connection = ("link", "autopilot", "attitude", "position", "clock")
+    vehicle = ("height", "estimator", STANDING, ORIGIN, PREARM, "battery", "storage", "disarmed", "mode", BRAKING)
+    return (*connection, *_sensor_names(settings), *vehicle, *parameter_check_names(settings))
 
 
 async def run_checks(
@@ -95,7 +87,9 @@ async def run_checks(
         *_sensors(inputs, settings),
         _height(height_m, settings),
         estimator(link.kind, state, settings.autopilot),
+        standing(link.kind, state),
         *await origin(link, lambda: telemetry.state(clock.now_s()), settings.autopilot),
+        prearm(link.kind, state, telemetry.texts, now_s),
         await battery(link, state, settings.mission),
         _storage(settings),
         _disarmed(state),

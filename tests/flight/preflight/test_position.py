@@ -8,7 +8,7 @@ import pytest
 
 from companion.autopilot.vehicle_state import VehicleState
 from companion.config.autopilot import AutopilotSettings
-from companion.flight.preflight.position import estimator
+from companion.flight.preflight.position import estimator, standing
 from companion.flight.preflight.result import CheckResult
 from companion.mavlink.estimator import estimator_valid
 from companion.mavlink.firmware import AutopilotKind
@@ -77,3 +77,21 @@ def test_a_good_estimate_that_comes_late_is_the_links_fault() -> None:
     assert result.failed
     assert "0.60 s old" in result.found
     assert "late" in result.fix
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "ok", "found"),
+    [
+        (0.02, True, "it says to move at 0.02 m/s"),
+        (0.11, False, "it says to move at 0.11 m/s"),
+        (None, False, "its velocity is not known"),
+    ],
+)
+@pytest.mark.parametrize("kind", list(AutopilotKind))
+def test_an_autopilot_that_stands_and_says_that_it_moves_does_not_fly(
+    kind: AutopilotKind, speed_mps: float | None, ok: bool, found: str
+) -> None:
+    """Protects every stop: with a velocity that is wrong by 0.11 m/s the real one drifted into walls."""
+    result = standing(kind, state(kind, speed_mps=speed_mps))
+    assert (result.ok, result.found) == (ok, found)
+    assert ("EKF2_ACC_NOISE" in result.fix) == (not ok and kind is PX4)

@@ -104,6 +104,8 @@ class Bench:
         self.height_m: float | None = 0.12
         self.armed = False
         self.battery = 90
+        self.v_east_mps = 0.0
+        self.prearm = dict.fromkeys(("onboard_control_sensors_enabled", "onboard_control_sensors_health"), 1 << 28)
         self.flags = 511 if kind is PX4 else 0x33F
         self.seconds = 3.0
         self.streams = True
@@ -123,7 +125,7 @@ class Bench:
             answered = len(questions)
             if i % 50 == 0:
                 self.link.deliver("HEARTBEAT", {"custom_mode": self.mode, "base_mode": 128 if self.armed else 0})
-                self.link.deliver("SYS_STATUS", {"battery_remaining": self.battery})
+                self.link.deliver("SYS_STATUS", {"battery_remaining": self.battery, **self.prearm})
                 if not self.settings.autopilot.gps:
                     self.link.deliver("GPS_GLOBAL_ORIGIN", {"latitude": 1, "longitude": 1, "altitude": 0})
                     self.link.deliver("GLOBAL_POSITION_INT", {"lat": 1, "lon": 1})
@@ -131,7 +133,7 @@ class Bench:
             if self.streams:
                 attitude = dict.fromkeys(("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed"), 0.0)
                 self.link.deliver("ATTITUDE", {"time_boot_ms": now_ms, **attitude})
-                position = dict.fromkeys(("x", "y", "z", "vx", "vy", "vz"), 0.0)
+                position = dict.fromkeys(("x", "y", "z", "vx", "vy", "vz"), 0.0) | {"vy": self.v_east_mps}
                 self.link.deliver("LOCAL_POSITION_NED", {"time_boot_ms": now_ms, **position})
 
     async def check(self, fix: bool = False, skip: Collection[str] = ()) -> dict[str, CheckResult]:
@@ -170,7 +172,8 @@ async def test_a_vehicle_with_which_everything_is_right_may_fly(kind: AutopilotK
         pytest.param({"battery": 20}, {}, ["battery"], id="empty"),
         pytest.param({"battery": -1}, {}, ["battery"], id="unknown battery"),
         pytest.param({"flags": 229}, {}, ["estimator"], id="lost"),
-        pytest.param({"streams": False}, {}, ["attitude", "position", "estimator"], id="no streams"),
+        pytest.param({"streams": False}, {}, ["attitude", "position", "estimator", "standing"], id="no streams"),
+        pytest.param({"v_east_mps": 0.11}, {}, ["standing"], id="drifts"),
         pytest.param({}, {"depth": None}, ["depth"], id="no depth"),
         pytest.param({}, {"depth": reading(2.0)}, ["depth"], id="slow depth"),
         pytest.param({}, {"down": reading(10.0, age_s=1.0)}, ["down"], id="stale beam"),
@@ -298,6 +301,17 @@ async def test_what_is_as_safe_by_another_way_may_stay(
     bench = Bench(kind, tmp_path)
     bench.link.params |= changed
     assert (await bench.failures()) == failed
+
+
+async def test_ardupilot_that_would_refuse_to_arm_is_not_asked_to(tmp_path: Path) -> None:
+    """Protects whoever has stepped back from it: its reasons are told before. PX4's bit is only shown."""
+    for kind, failed in ((ARDUPILOT, ["prearm"]), (PX4, [])):
+        bench = Bench(kind, tmp_path)
+        bench.prearm["onboard_control_sensors_health"] = 0
+        bench.link.deliver("STATUSTEXT", {"severity": 2, "text": "PreArm: Gyros inconsistent"})
+        assert (await bench.failures()) == failed
+        found = next(one.found for one in bench.results if one.name == "prearm")
+        assert ("Gyros inconsistent" in found) == (kind is ARDUPILOT)
 
 
 async def test_a_value_that_only_the_owner_knows_is_not_guessed_by_fix(tmp_path: Path) -> None:
