@@ -171,6 +171,29 @@ def test_a_clock_that_begins_anew_is_known_again_after_two_answers(
     assert residual_s < 0.03
 
 
+def test_a_clock_that_stood_still_for_a_moment_keeps_its_rate() -> None:
+    """Protects the next second on a simulator that had no processor: two answers alone would allow a rate of 1."""
+    alignment, remote = ClockAlignment(), Remote([0.98])
+    ask(alignment, remote, every(QUICK_S, [(0.002, 0.002)] * 30))
+    for i in (30, 31):
+        at_s = BEGAN_S + i * QUICK_S
+        alignment.add(at_s, remote.true_s(at_s + 0.002) - 0.06, at_s + 0.004)
+    assert alignment.rate == pytest.approx(0.98, abs=1e-3)
+    local_s = alignment.to_local_s(remote.true_s(at_s) - 0.06)
+    assert local_s == pytest.approx(at_s, abs=0.003)
+
+
+def test_answers_that_overtake_each_other_or_repeat_a_time_tell_nothing_new() -> None:
+    """Protects against a division by no time at all, and a rate made of the order in which answers arrive."""
+    alignment = ClockAlignment()
+    ask(alignment, Remote([0.99]), every(QUICK_S, [(0.001, 0.001)] * 30))
+    rate, residual_s = alignment.rate, alignment.residual_s(BEGAN_S + 6.0)
+    for back_s in (0.0, 1.0):
+        at_s = BEGAN_S + 29 * QUICK_S - back_s
+        alignment.add(at_s, Remote([0.99]).true_s(at_s + 0.001), BEGAN_S + 6.0)
+    assert (alignment.rate, alignment.residual_s(BEGAN_S + 6.0)) == (rate, residual_s)
+
+
 def test_the_bound_grows_while_no_answer_comes() -> None:
     """Protects against a residual of long ago: of a crystal slowly, of a simulation by what its rate can change."""
     crystal, simulation = ClockAlignment(), ClockAlignment()
@@ -208,15 +231,17 @@ def test_stamps_alone_follow_a_clock_that_drifts_and_see_no_jump(rate: float) ->
 
 
 @pytest.mark.parametrize("rate", [0.97, 1.03])
-def test_a_clock_that_drifted_through_a_silence_has_not_jumped(rate: float) -> None:
+@pytest.mark.parametrize("heard", [100, 500])
+def test_a_clock_that_drifted_through_a_silence_has_not_jumped(rate: float, heard: int) -> None:
     """Protects the poses after a link that was cut for a minute: 3 % of it are 1.8 s, and no restart."""
     alignment, remote = ClockAlignment(), Remote([rate])
-    for now_s in (BEGAN_S + 0.02 * i + silent_s for silent_s in (0.0, 70.0) for i in range(500)):
+    for now_s in (BEGAN_S + 0.02 * i + silent_s for silent_s in (0.0, 70.0) for i in range(heard)):
         alignment.add_one_way(remote.true_s(now_s), now_s + 0.003)
+        local_s = alignment.to_local_s(remote.true_s(now_s))
+        assert local_s is not None
+        assert local_s - now_s < 2.5
     assert alignment.restarts == 0
-    local_s = alignment.to_local_s(remote.true_s(now_s))
-    assert local_s is not None
-    assert abs(local_s - now_s) < 0.01
+    assert abs(local_s - now_s) < 0.1
 
 
 @given(st.lists(st.floats(0.0, 0.08), min_size=400, max_size=400))
