@@ -74,6 +74,7 @@ class Vehicle(Protocol):
     @property
     def modes(self) -> Mapping[str, Mode]:
         """By name."""
+
     @property
     def descend(self) -> Mode:
         """That needs no position."""
