@@ -267,8 +267,10 @@ class _Px4(Personality):
         return sum(share < state.parameters[name] for name in ("BAT_LOW_THR", "BAT_CRIT_THR", "BAT_EMERGEN_THR"))
 
     def stop_s(self, state: State) -> float:
-        """Softer in offboard's zero velocity than in a hold, by what it creeps on anyway."""
-        return 0.62 if self.active(state) is Behaviour.SETPOINTS else 0.74
+        """Of zero velocity, besides what it creeps on; of a hold that was asked for, and of a failsafe's."""
+        if self.active(state) is Behaviour.SETPOINTS:
+            return 0.62
+        return 0.68 if state.failsafe is None else 0.88
 
     def lift_s(self, state: State) -> float:
         ramp_s = state.parameters["MPC_TKO_RAMP_T"]
