@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavCmd, MavComponent
@@ -17,6 +15,7 @@ from tests.integration.seen import CommandSeen, SetpointSeen, TextSeen
 from tests.integration.witness import Witness
 from validation.fault_matrix.injection import Final, Injection
 from validation.fault_matrix.scene import Flight
+from validation.fault_matrix.true_way import STANDING_FOR_S, STANDING_MPS, Truth, standing_s
 
 AIM_S = 0.15
 """From fault to brake, beyond the configured limit."""
@@ -25,8 +24,6 @@ MOST_S = 0.5
 ZERO_MPS = 0.02
 SETTLED_S = 0.3
 """A zero after which the vehicle is commanded to move again within this time was no stop."""
-STANDING_MPS, STANDING_FOR_S = 0.12, 0.5
-"""A simulated vehicle that holds its place drifts, and creeps at 0.05 m/s where there is room left."""
 NEWEST_S = 1.0
 _KINDS = {"px4": AutopilotKind.PX4, "ardupilot": AutopilotKind.ARDUPILOT}
 
@@ -80,16 +77,6 @@ class Outcome:
         return self.problem is None
 
 
-@dataclass(frozen=True, slots=True)
-class Truth:
-    """One look at the vehicle where it truly was."""
-
-    t_s: float
-    x_m: float
-    speed_mps: float
-    d_m: float | None
-
-
 def judged(
     flight: Flight, injection: Injection, fault_s: float, end_s: float, verified: str | None, told: int = 0
 ) -> Outcome:
@@ -103,10 +90,8 @@ def judged(
         verified: what the fault's own check found wrong.
         told: texts of the autopilot before the fault.
     """
-    looks = [look for look in read_truth(flight.folder / "truth.csv") if look.t_s <= end_s]
-    before = [look for look in looks if look.t_s <= fault_s]
-    after = [look for look in looks if look.t_s > fault_s]
-    contacts = int(json.loads((flight.folder / "truth.json").read_text(encoding="utf-8"))["contacts"])
+    before, after = flight.truth.looks(until_s=fault_s), flight.truth.looks(fault_s, end_s)
+    contacts = _contacts(flight, after)
     seen = flight.relay.seen
     setpoints = [one for one in seen.setpoints(fault_s) if one.t_s <= end_s]
     commands = [one for one in seen.commands(fault_s) if one.t_s <= end_s]
@@ -132,15 +117,11 @@ def judged(
     )
 
 
-def standing_s(looks: Sequence[Truth], fault_s: float) -> float | None:
-    """From the fault until the first moment from which on it stood for `STANDING_FOR_S`."""
-    moving_s = fault_s
-    for look in looks:
-        if look.speed_mps > STANDING_MPS:
-            moving_s = look.t_s
-        elif look.t_s - moving_s >= STANDING_FOR_S:
-            return moving_s - fault_s
-    return None
+def _contacts(flight: Flight, after: Sequence[Truth]) -> int:
+    """As the world has counted them; one that was ended by the fault itself can have counted none after it."""
+    counted = int(json.loads((flight.folder / "truth.json").read_text(encoding="utf-8"))["contacts"])
+    least_m = min((look.d_m for look in after if look.d_m is not None), default=math.inf)
+    return max(counted, int(least_m <= flight.settings.vehicle.body_radius_m))
 
 
 def _mode(witness: Witness, end_s: float) -> str:
@@ -160,20 +141,6 @@ def _problem(
     if injection.needs_stop and brake_s is None and final not in (Final.FAILSAFE, Final.PILOT):
         return "nothing on the wire stopped it"
     return verified
-
-
-def read_truth(file: Path) -> list[Truth]:
-    """The true trajectory, as the world wrote it."""
-    with file.open(newline="", encoding="ascii") as rows:
-        return [
-            Truth(
-                float(row["t_s"]),
-                float(row["x_m"]),
-                math.hypot(float(row["vx_mps"]), float(row["vy_mps"])),
-                float(row["d_m"]) if row["d_m"] else None,
-            )
-            for row in csv.DictReader(rows)
-        ]
 
 
 def brake_begins_s(setpoints: Sequence[SetpointSeen], others_s: Sequence[float]) -> float | None:

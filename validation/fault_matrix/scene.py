@@ -31,12 +31,13 @@ from sitl.launch.processes import (
 from sitl.launch.program import Ports, Program, Running
 from tests.integration.relay import UdpRelay
 from tests.integration.witness import Witness, speed_mps
-from validation.fault_matrix.corridor import TO_WALL_M, corridor
+from validation.fault_matrix.corridor import LENGTH_M, corridor
 from validation.fault_matrix.injection import Injection
 from validation.fault_matrix.processes import children, map_process
 from validation.fault_matrix.stand import Stand
 from validation.fault_matrix.standstill import Standstill
 from validation.fault_matrix.stream_relay import StreamRelay
+from validation.fault_matrix.true_way import TrueWay
 
 LOOPBACK = "127.0.0.1"
 ROOT = Path(__file__).parents[2]
@@ -73,6 +74,7 @@ class Flight:
         relay: between autopilot and gate.
         stream: between world and application.
         witness: a ground station that only looks on.
+        truth: where the vehicle is.
         standstill: tells when the computer did not run what has to run.
         world: its process.
         autopilot: its process.
@@ -91,6 +93,7 @@ class Flight:
     relay: UdpRelay
     stream: StreamRelay
     witness: Witness
+    truth: TrueWay
     standstill: Standstill
     world: Running
     autopilot: Running
@@ -114,10 +117,9 @@ class Flight:
         return found
 
     def wall_m(self) -> float:
-        """From the middle of the vehicle to the wall ahead, by what the autopilot tells."""
-        here = self.witness.pose()
-        # It was at rest at 0, and flies straight ahead; which way that is called, each autopilot decides for itself.
-        return TO_WALL_M - math.hypot(here.x_m, here.y_m)
+        """From the middle of the vehicle to the wall ahead, in truth; far away as long as that is not known."""
+        newest = self.truth.newest()
+        return math.inf if newest is None else LENGTH_M / 2.0 - newest.x_m
 
     def said(self) -> str:
         """What gate and application have said."""
@@ -159,18 +161,22 @@ def flying(folder: Path, stand: Stand, injection: Injection) -> Iterator[Flight]
         relay = stack.enter_context(UdpRelay(gate_port, port=wanted.application))
         stream = stack.enter_context(StreamRelay(world_tcp))
         witness = stack.enter_context(stand.witness(wanted.ground))
+        truth_port = free_udp_ports(1)[0]
+        to_world = stack.enter_context(UdpRelay(truth_port, port=wanted.world))
+        truth = TrueWay()
+        to_world.alter_down = lambda message: truth.hear(message, time.monotonic())
         config = folder / "vehicle.yaml"
         gps = {"autopilot": {"gps": stand.gps}}
         settings = write_config(config, gate_port, stream.url, merge(gps, dict(injection.settings)))
-        ports = Ports(relay.port, witness.port, wanted.world)
+        ports = Ports(relay.port, witness.port, to_world.port)
         # Side by side: each of them takes seconds to load. What is started last ends first.
-        world = _serve(stack, folder, _world(folder, stand, config, ports.world, world_tcp, world_port))
+        world = _serve(stack, folder, _world(folder, stand, config, truth_port, world_tcp, world_port))
         autopilot = _serve(stack, folder, stand.program(folder, settings, ports, control_port))
         plan, gate = _gate(stack, folder, settings, flyer_port)
         standstill = stack.enter_context(Standstill({"the gate": gate.pid, "the autopilot": autopilot.process.pid}))
         flight = Flight(
             *(folder, stand.personality, config, settings, plan, gate, gate_port),
-            *(relay, stream, witness, standstill, world, autopilot),
+            *(relay, stream, witness, truth, standstill, world, autopilot),
             *(control_port, world_port, flyer_port),
         )
         stack.enter_context(_precedence())

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from companion.config.settings import Settings
-from sitl.launch.processes import AUTOPILOT_SERVES, command, free_udp_ports
+from sitl.launch.processes import AUTOPILOT_SERVES, command
 from sitl.launch.program import Ports, Program
 from sitl.launch.real import RealAutopilot
 from tests.integration.relay import LOOPBACK
@@ -52,8 +52,7 @@ class StubStand(Stand):
     world_options: Sequence[str] = ()
 
     def wanted(self) -> Ports:
-        (world,) = free_udp_ports(1)
-        return Ports(0, 0, world)
+        return Ports(0, 0, 0)
 
     def witness(self, port: int) -> Witness:
         return Witness(port)

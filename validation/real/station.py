@@ -6,6 +6,7 @@ import struct
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Self
 
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
@@ -64,7 +65,7 @@ class Station(Witness):
         self._keep = frozenset(keep)
         self._voice = _Voice(self)
 
-    def __enter__(self) -> Station:
+    def __enter__(self) -> Self:
         super().__enter__()
         self._voice.__enter__()
         return self
