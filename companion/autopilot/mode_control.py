@@ -21,6 +21,8 @@ MODE_LIMIT_S = 5.0
 """After this it is given up even when no heartbeat came at all."""
 UNHEARD_S = 1.5
 """Heartbeats come once a second: one that is older was missed, and so may be what came with it."""
+FAILSAFE_SHOWS_S = 0.3
+"""A failsafe acts up to 0.12 s after its time limit; only a heartbeat from after that can tell."""
 TOLD_WITHIN_S = 3.0
 """So long the next heartbeat is waited for; a link that is silent for longer carries no order either."""
 ARM_PATIENCE_S = 10.0
@@ -46,6 +48,7 @@ class ModeControl:
 
     Attributes:
         asked_to_arm: whether this flight is ours to end.
+        failsafe_s: when the autopilot acts by itself, unless another setpoint comes; told by whoever sends them.
 
     Raises:
         FlightError: by everything that is asked for, when it is refused, with the autopilot's reasons, or never shows.
@@ -55,6 +58,7 @@ class ModeControl:
 
     def __init__(self, link: Link, telemetry: Telemetry, clock: Clock, timeout_s: float) -> None:
         self.asked_to_arm = False
+        self.failsafe_s = -math.inf
         self._link = link
         self._telemetry = telemetry
         self._clock = clock
@@ -81,6 +85,11 @@ class ModeControl:
         return self._judged().heartbeat_s
 
     @property
+    def failsafe_unheard(self) -> bool:
+        """Whether a failsafe of the autopilot may have acted of which no heartbeat can have told yet."""
+        return self._clock.now_s() > self.failsafe_s and self.heartbeat_s < self.failsafe_s + FAILSAFE_SHOWS_S
+
+    @property
     def armed(self) -> bool:
         """Whether the newest heartbeat says so."""
         return self._judged().armed
@@ -103,6 +112,25 @@ class ModeControl:
     def may_disarm(self) -> None:
         """From now on the vehicle may disarm in the mode that it is in: it is landed by setpoints."""
         self._monitor.request(self._monitor.ours, may_disarm=True)
+
+    async def confirm_ours(self) -> None:
+        """Wait until the autopilot has told its mode, where it may have changed unheard, and raise as `check_ours`.
+
+        After a stall of ours, or of the link, a pilot or a failsafe may have the vehicle: an order would overrule them.
+
+        Raises:
+            LinkError: it does not tell.
+        """
+        asked_s = self._clock.now_s()
+        while self._clock.now_s() - self.heartbeat_s > UNHEARD_S or self.failsafe_unheard:
+            self.check_ours()
+            if self._clock.now_s() - asked_s > TOLD_WITHIN_S:
+                raise LinkError(
+                    f"the autopilot has not told its mode for {self._clock.now_s() - self.heartbeat_s:.1f} s: nothing "
+                    "is ordered unseen, and its own failsafe has the vehicle"
+                )
+            await self._clock.sleep(POLL_S)
+        self.check_ours()
 
     def lands(self, or_holds: bool = False) -> bool:
         """Whether the autopilot shows that it lands, or if wanted that it holds, because we asked for that."""
@@ -170,8 +198,7 @@ class ModeControl:
         return await self._link.command(command, *parameters, timeout_s=timeout_s or self._timeout_s)
 
     async def _enter(self, mode: int, may_disarm: bool = False, timeout_s: float | None = None) -> None:
-        await self._told()
-        self.check_ours()
+        await self.confirm_ours()
         name = mode_name(self._link.kind, mode)
         asked_s = self._clock.now_s()
         request = self._monitor.request(frozenset({mode}), may_disarm, self._personality.passing_to(mode))
@@ -203,24 +230,6 @@ class ModeControl:
     def _whose(self) -> str:
         who = "the autopilot's own failsafe" if self._monitor.by_failsafe else "somebody else"
         return f"{who} has the vehicle (mode {self._monitor.taken_over})"
-
-    async def _told(self) -> None:
-        """Wait until the autopilot has told its mode, where it may have changed unheard.
-
-        After a stall of ours, or of the link, a pilot or a failsafe may have the vehicle: an order would overrule them.
-
-        Raises:
-            LinkError: it does not tell.
-        """
-        asked_s = self._clock.now_s()
-        while self._clock.now_s() - self._judged().heartbeat_s > UNHEARD_S:
-            if self._clock.now_s() - asked_s > TOLD_WITHIN_S:
-                raise LinkError(
-                    "the autopilot has not told its mode for "
-                    f"{self._clock.now_s() - self._monitor.heartbeat_s:.1f} s: nothing is ordered unseen, and its own "
-                    "failsafe has the vehicle"
-                )
-            await self._clock.sleep(POLL_S)
 
     def _judged(self) -> ModeMonitor:
         """With the newest heartbeat judged: after a hang of the event loop it is here before its event is."""

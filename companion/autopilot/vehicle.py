@@ -190,7 +190,7 @@ class Vehicle:
         modes, holds = self._modes, self._settings.mission.end_action == "hold"
         if not (modes.asked_to_arm and modes.maybe_armed):
             return
-        modes.check_ours()
+        await modes.confirm_ours()
         # In the air the autopilot refuses to disarm, which is why it may be asked at all.
         if self._telemetry.state(self._clock.now_s()).landed and await modes.disarm(LEAVE_COMMAND_S):
             return

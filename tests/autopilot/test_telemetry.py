@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.autopilot.message_rates import wanted_hz
-from companion.autopilot.telemetry import TEXTS, Telemetry
+from companion.autopilot.telemetry import SAID_TWICE_S, TEXTS, Telemetry
 from companion.autopilot.vehicle_state import VehicleState
 from companion.config.settings import Settings
 from companion.mavlink.firmware import AutopilotKind
@@ -510,6 +510,24 @@ def test_texts_are_bounded() -> None:
         autopilot.link.deliver("STATUSTEXT", {"severity": 6, "text": str(i)})
     texts = autopilot.telemetry.texts
     assert [text.text for text in texts] == [str(i) for i in range(30, TEXTS + 30)]
+
+
+def test_what_px4_says_as_text_and_as_event_is_told_once() -> None:
+    """Protects the reasons of a refusal from being read as twice as many; what is said again later is news."""
+    autopilot = Autopilot()
+
+    def says(*said: str) -> None:
+        for text in said:
+            # As a STATUSTEXT some of them end with what only a ground station makes something of.
+            autopilot.link.deliver("STATUSTEXT", {"severity": 4, "text": text})
+
+    says("Arming denied", "Battery low\t")
+    autopilot.clock.advance(SAID_TWICE_S)
+    says("Arming denied", "Battery low")
+    assert [text.text for text in autopilot.telemetry.texts] == ["Arming denied", "Battery low"]
+    autopilot.clock.advance(0.01)
+    says("Battery low")
+    assert [text.text for text in autopilot.telemetry.texts] == ["Arming denied", "Battery low", "Battery low"]
 
 
 values = st.one_of(

@@ -81,6 +81,17 @@ async def test_a_refusal_to_arm_is_told_in_the_autopilots_words() -> None:
     assert one.modes_asked == [(1.0, 4.0, 0.0)], "nothing to hold or land: it never armed"
 
 
+async def test_a_refusal_to_arm_names_the_checks_of_the_autopilot_that_failed() -> None:
+    """Protects the person who looks for the reason: PX4's own report knows it where it says only that it refuses."""
+    one = Flight(PX4, gps=False)
+    one.link.arming_problems = ("No valid position estimate", "Battery low")
+    one.autopilot.refuses_to_arm = ["Arming denied"] * 100
+    checks = "because of its own checks: No valid position estimate; Battery low"
+    with pytest.raises(FlightError, match=rf"refuses to arm \(failed\), {checks}\. The .* said: Arming denied$"):
+        async with one.vehicle:
+            await one.up()
+
+
 async def test_a_reason_not_to_arm_may_pass() -> None:
     """Protects the start from reasons that are gone a moment later."""
     one = Flight(ARDUPILOT)
