@@ -42,8 +42,9 @@ def render_budget(lines: Sequence[BudgetLine], settings: Settings) -> str:
     control, body_m = settings.control, settings.vehicle.body_radius_m
     speed_mps = settings.safety.effective_limits(control).speed_mps
     rows = [_budget_row(line, settings) for line in lines]
-    header = ("fault", "speed", "detection", "reaction", "autopilot", "brake", "creep")
-    header += ("from", "distance", "stands at", "left")
+    header = (
+        "fault", "speed", "detection", "reaction", "autopilot", "brake", "creep", "from", "distance", "stands at", "left"
+    )  # fmt: skip
     units = ("", "m/s", "s", "s", "s", "m/s²", "m", "m", "m", "m", "m")
     stopping = [line for line in lines if line.stops]
     least = min(stopping, key=lambda line: line.remaining_m)
@@ -71,8 +72,8 @@ def _budget_row(line: BudgetLine, settings: Settings) -> tuple[str, ...]:
     within = "WALL" if line.reaches_wall else ""
     if not within and stands_at_m < control.margin_m:
         within = "< d_c" if stands_at_m < control.critical_margin_m else "< d_s"
-    numbers = (line.detection_s, line.reaction_s, line.autopilot_s, line.brake_mps2, line.creep_m)
-    numbers += (line.allowed_m, line.distance_m)
+    delays_s = line.detection_s, line.reaction_s, line.autopilot_s
+    numbers = *delays_s, line.brake_mps2, line.creep_m, line.allowed_m, line.distance_m
     return (
         line.fault,
         f"{line.speed_mps:.2f}",
