@@ -264,10 +264,11 @@ class SafetySettings(Section):
     )
     not_obeyed_mps: float = Field(
         0.2,
-        ge=0.05,
+        ge=0.15,
         le=2.0,
         description="a vehicle that is asked to stand and flies faster than this, in m/s, does not obey, nor does one "
-        "that is asked for more and stands: twice what the autopilots' estimates were measured to wander",
+        "that is asked for more and stands: twice what the autopilots' estimates were measured to wander; what keeps a "
+        "place asks for up to 0.1",
     )
     fence: FenceSettings = Field(FenceSettings(), description="where the vehicle may be")
     recover_s: float = Field(

@@ -43,7 +43,8 @@ def render_budget(lines: Sequence[BudgetLine], settings: Settings) -> str:
     speed_mps = settings.safety.effective_limits(control).speed_mps
     rows = [_budget_row(line, settings) for line in lines]
     header = (
-        "fault", "speed", "detection", "reaction", "autopilot", "brake", "creep", "from", "distance", "stands at", "left"
+        "fault", "speed", "detection", "reaction", "autopilot",
+        "brake", "creep", "from", "distance", "stands at", "left",
     )  # fmt: skip
     units = ("", "m/s", "s", "s", "s", "m/s²", "m", "m", "m", "m", "m")
     stopping = [line for line in lines if line.stops]
