@@ -176,7 +176,13 @@ def test_while_disarmed_every_mode_is_taken() -> None:
     """Offboard without setpoints, position mode without sticks, hold and take-off without a position."""
     rig = Rig(PX4, gps=False)
     rig.run(2.0)
-    for name, base_mode in {"OFFBOARD": 1, "AUTO.LOITER": 29, "AUTO.TAKEOFF": 29, "POSCTL": 81, "AUTO.LAND": 29}.items():
+    for name, base_mode in {
+        "OFFBOARD": 1,
+        "AUTO.LOITER": 29,
+        "AUTO.TAKEOFF": 29,
+        "POSCTL": 81,
+        "AUTO.LAND": 29,
+    }.items():
         assert rig.set_mode(name) == 0
         rig.run(1.1)
         beat = rig.newest("HEARTBEAT")
