@@ -103,13 +103,13 @@ def _to_landing_place(personality: Personality, state: State) -> tuple[float, fl
 def _return(personality: Personality, state: State, held_mps: tuple[float, float]) -> tuple[float, float, float]:
     """Climbs, flies home, lands there."""
     pose, (home_x_m, home_y_m, home_z_m) = state.estimator.pose, state.home_m
-    if math.hypot(home_x_m - pose.x_m, home_y_m - pose.y_m) < _HOME_M:
-        return *_towards(state, home_x_m, home_y_m, _HOLD_MPS), _descent(personality, state)
     above_m, climb_mps = personality.return_climb(state)
     missing_m = home_z_m + above_m - pose.z_m
     if missing_m > _HOME_M and not state.returning_home:
         return *held_mps, climb_mps
     state.returning_home = True
+    if math.hypot(home_x_m - pose.x_m, home_y_m - pose.y_m) < _HOME_M:
+        return *_towards(state, home_x_m, home_y_m, _HOLD_MPS), _descent(personality, state)
     return *_towards(state, home_x_m, home_y_m, personality.return_mps(state)), max(-_HOLD_MPS, min(0.0, missing_m))
 
 

@@ -117,10 +117,10 @@ class Px4Failsafes:
             return
         switched, self._intended = self._intended is not state.mode, state.mode
         self._delay_s = max(0.0, self._delay_s - dt_s)
+        warned = self._collect(state, switched)
         can_hold = self.vehicle.can_run(state, self.vehicle.modes["AUTO.LOITER"])
         if self.action > Action.HOLD or not can_hold or self._taken_over:
             self._delay_s = 0.0
-        warned = self._collect(state, switched)
         selected, delayed, cause = self._select(state, switched)
         if selected > self.action or (warned and selected is not Action.NONE):
             self._announce(state, selected, delayed, cause)

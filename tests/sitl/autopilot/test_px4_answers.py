@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 
@@ -21,7 +22,7 @@ def flags(rig: Rig) -> int:
     return int(rig.newest("ESTIMATOR_STATUS").flags)
 
 
-def fed(kind: str, origin: bool, **options: object) -> Rig:
+def fed(kind: str, origin: bool, **options: Any) -> Rig:
     """Without GPS, with odometry in these axes, and an origin or none."""
     rig = Rig(PX4, gps=False, **options)
     rig.feeding = kind
