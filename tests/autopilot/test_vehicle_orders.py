@@ -84,7 +84,7 @@ async def test_a_link_that_stays_silent_carries_no_order(kind: AutopilotKind) ->
         one.autopilot.heartbeats = False
         await one.cruise(UNHEARD_S)
         asked, begun_s = len(one.link.commands), one.clock.now_s()
-        with pytest.raises(LinkError, match="has not told its mode for .* s: nothing is ordered unseen"):
+        with pytest.raises(LinkError, match=r"has not told its mode for .* s: nothing is ordered unseen"):
             await one.vehicle.land()
         assert one.clock.now_s() - begun_s == pytest.approx(TOLD_WITHIN_S, abs=AROUND_S)
         assert len(one.link.commands) == asked

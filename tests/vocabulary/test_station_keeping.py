@@ -83,7 +83,7 @@ def test_it_is_led_to_the_place_and_never_fast(place_m: Vector, at_m: Vector, he
 
 
 def test_it_comes_back_without_swinging() -> None:
-    """Protects the gain: with the lag of an autopilot's velocity loop, half a metre away, it does not overshoot much."""
+    """Protects the gain: with the lag of an autopilot's velocity loop, it hardly overshoots."""
     keeper = standing()
     place_m, speed_mps, dt_s, lag_s = 0.5, 0.0, 0.05, 1.0
     track = []

@@ -51,7 +51,7 @@ def test_it_reaches_its_gain_times_the_command() -> None:
 
 @pytest.mark.parametrize("lateral_mps", [0.1, -0.1])
 def test_it_moves_sideways_as_it_is_asked(lateral_mps: float) -> None:
-    """Protects station keeping in simulated flights: positive is to the left, whatever the heading, by the same gain."""
+    """Protects station keeping in simulated flights: positive is to the left, whatever the heading."""
     body = vehicle()
     for _ in range(500):
         body.command(Setpoint(body.pose.t_s, 0.0, 0.0, 0.0, lateral_mps))
