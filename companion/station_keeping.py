@@ -63,7 +63,11 @@ class StationKeeper:
                 return 0.0, 0.0, 0.0
             self.place_m = at_m
         first, second, third = (GAIN_PER_S * (there - here) for there, here in zip(self.place_m, at_m, strict=True))
-        share = min(1.0, MOST_MPS / max(math.hypot(first, second), 1e-9))
+        speed_mps = math.hypot(first, second)
+        if not math.isfinite(speed_mps):  # the difference of two finite numbers need not be
+            self.release()
+            return 0.0, 0.0, 0.0
+        share = min(1.0, MOST_MPS / max(speed_mps, 1e-9))
         first, second = share * first, share * second
         cos, sin = math.cos(heading_rad), math.sin(heading_rad)
         return first * cos + second * sin, second * cos - first * sin, max(-MOST_MPS, min(MOST_MPS, third))

@@ -301,7 +301,7 @@ class Telemetry:
             text = self._whole + text
         self._piece, self._whole = piece, text[:LONGEST_TEXT]
         said = StatusText(message.received_s, severity, printable(self._whole.strip()))
-        # PX4 says the same in a STATUSTEXT and in an EVENT where it has heard a ground station, several of them in a row.
+        # PX4 says the same in STATUSTEXTs and in EVENTs where it has heard a ground station, several in a row.
         since_s = said.received_s - SAID_TWICE_S
         if not any(text.text == said.text and text.received_s >= since_s for text in self._texts):
             self._texts.append(said)

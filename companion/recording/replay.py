@@ -103,7 +103,8 @@ def _then(tick: dict[str, Any]) -> _Then | None:
     if not tick["stepped"]:
         return None
     # What was recorded before setpoints had a part to the left asked for none.
-    wanted = [tick.get(name, 0.0) for name in COMMANDED]
+    told = {"lateral_mps": 0.0, **tick}
+    wanted = [told[name] for name in COMMANDED]
     setpoint = None if wanted[0] is None else tuple(map(float, wanted))
     return _Then(setpoint, str(tick["mode"]), float(tick["wanted_height_m"]))
 

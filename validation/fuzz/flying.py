@@ -222,7 +222,6 @@ def check_setpoint(fields: dict[str, Any]) -> None:
     assert abs(fields["vy"]) <= MOST_MPS + 1e-6, fields
     assert abs(fields["vz"]) <= law.max_climb_mps + 1e-9, fields
     assert abs(fields["yaw_rate"]) <= law.max_yaw_rate_radps + 1e-9, fields
-    assert fields["vy"] == 0.0
 
 
 def check_pose(pose: Any) -> None:
