@@ -8,5 +8,7 @@ CRYSTAL_WANDER = 1e-4
 """The rate of a crystal changes by no more than this."""
 SIMULATION_WANDER = 0.025
 """That of a simulation follows the load of its computer: from 0.8 to 3.1 % within seconds."""
-GRAIN_S = 0.002
-"""The clock of a simulation goes in steps (PX4's of 4 ms): what it says is right to half a step."""
+STEP_S = 0.004
+"""The clock of a simulation goes in steps; PX4's are this long on it."""
+GRAIN_S = 0.5 * STEP_S * (1.0 + MOST_RATE)
+"""So what it says is right to half a step, which may be longer on our clock."""
