@@ -28,6 +28,8 @@ ALWAYS = frozenset(
 """Of the application: what moves nothing."""
 
 FILES = "FILE_TRANSFER_PROTOCOL"
+OPCODE_AT = 6
+"""Where its payload names the operation: behind network, system and component, sequence number and session."""
 READS_FILES = frozenset({1, 2, 3, 4, 5, 14, 15})
 """Operations on the autopilot's files that change none: to end, to list, to open for reading, to read, to check. The
 texts of PX4's events are in one."""
@@ -64,6 +66,11 @@ def mode_asked_for(kind: AutopilotKind, fields: Mapping[str, float]) -> int | No
     if not (math.isfinite(main) and math.isfinite(sub) and 0.0 <= main < 256.0 and 0.0 <= sub < 256.0):
         return None
     return int(main) << 16 | int(sub) << 24 if kind is AutopilotKind.PX4 else int(main)
+
+
+def only_reads(payload: bytes) -> bool:
+    """Whether a FILE_TRANSFER_PROTOCOL changes no file; zeros at its end are left out of it, and mean nothing."""
+    return len(payload) > OPCODE_AT and payload[OPCODE_AT] in READS_FILES
 
 
 def is_forced(fields: Mapping[str, float]) -> bool:

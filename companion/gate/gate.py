@@ -239,8 +239,7 @@ class Gate:
         if name == "COMMAND_LONG":
             return self._command(frame, fields, now_s)
         asks = name == "COMMAND_INT" and fields["command"] in allowlist.ASKING
-        asks = asks or (name == allowlist.FILES and fields["opcode"] in allowlist.READS_FILES)
-        listed = asks or name in allowlist.ALWAYS
+        listed = asks or name in allowlist.ALWAYS or (name == allowlist.FILES and allowlist.only_reads(frame.payload))
         return Verdict(frame.raw) if listed else Verdict(None, NOT_LISTED)
 
     def _setpoint(self, frame: Frame, fields: Fields, now_s: float) -> Verdict:

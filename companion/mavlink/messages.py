@@ -69,7 +69,7 @@ _TABLE = """
   f yaw_rate H type_mask B target_system B target_component B coordinate_frame
 102 VISION_POSITION_ESTIMATE 158: Q usec f x f y f z f roll f pitch f yaw 84xB reset_counter
 103 VISION_SPEED_ESTIMATE 208: Q usec f x f y f z 36xB reset_counter
-110 FILE_TRANSFER_PROTOCOL 84: B target_network B target_system B target_component 3xB opcode 247x
+110 FILE_TRANSFER_PROTOCOL 84: B target_network B target_system B target_component 251x
 111 TIMESYNC 34: q tc1 q ts1
 147 BATTERY_STATUS 154: i current_consumed i energy_consumed h temperature 20xh current_battery B id
   B battery_function B type b battery_remaining i time_remaining B charge_state 8xB mode I fault_bitmask

@@ -7,10 +7,11 @@ from typing import Any
 
 import pytest
 
-from companion.gate.allowlist import is_forced, mode_asked_for
+from companion.gate.allowlist import is_forced, mode_asked_for, only_reads
 from companion.gate.gate import Gate
 from companion.mavlink.codec import Frame
 from companion.mavlink.firmware import AutopilotKind
+from companion.mavlink.messages import BY_NAME
 from companion.mavlink.modes import personality, px4_mode
 from tests.gate.built import APPLICATION, GATE, GROUND, SETPOINT, SYSTEM, command, frame, in_the_air, read, texts_of
 from tests.gate.gate_scene import JUST_S, NOW_S, PLAN, Scene, flying
@@ -226,3 +227,23 @@ def test_an_arming_may_take_its_time() -> None:
     scene.gate.cycle(NOW_S + 0.01)
     scene.heartbeat(scene.ours.hold, NOW_S + 0.02)
     assert scene.gate.airborne
+
+
+def file_operation(opcode: int) -> Frame:
+    """One FILE_TRANSFER_PROTOCOL of the application, as it is on the wire."""
+    layout = BY_NAME["FILE_TRANSFER_PROTOCOL"]
+    payload = bytes((0, 1, 1, 7, 0, 0, opcode)) + b"/etc/extras/all_events.json.xz"
+    return Frame(b"raw", layout.message_id, 1, 191, payload, signed=False)
+
+
+@pytest.mark.parametrize("opcode", range(20))
+def test_files_of_the_autopilot_are_read_and_not_changed(opcode: int) -> None:
+    """Protects the autopilot's files: PX4's texts are read from one, and none is made, written or removed."""
+    reads = opcode in {1, 2, 3, 4, 5, 14, 15}
+    verdict = Gate(PLAN, 0.0).on_application_message(file_operation(opcode), 0.0)
+    assert (verdict.raw is not None) == reads
+
+
+def test_an_operation_that_is_left_out_is_none() -> None:
+    """Protects from a payload whose end was cut off."""
+    assert not only_reads(b"\0\1\1\7\0")
