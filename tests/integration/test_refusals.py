@@ -14,7 +14,7 @@ from companion.flight.preflight.parameter_rules import rules
 from tests.integration.rig import Aboard, Stage, aboard, both, fly_all
 
 NEVER_S = 300.0
-REASON = {"px4": "Arming denied: Resolve system health failures first", "ardupilot": "Arm: Gyros inconsistent"}
+REASON = {"px4": "Arming denied: Resolve system health failures first", "ardupilot": "Arm: System not initialised"}
 INTEGER = {"px4": "COM_OBL_RC_ACT", "ardupilot": "AVOID_ENABLE"}
 FLOAT = {"px4": "COM_OF_LOSS_T", "ardupilot": "GUID_TIMEOUT"}
 FAILSAFES = {"px4": {"COM_OF_LOSS_T", "COM_OBL_RC_ACT"}, "ardupilot": {"GUID_TIMEOUT", "AVOID_ENABLE"}}
