@@ -128,7 +128,7 @@ IN_FLIGHT: dict[str, dict[str, Expected]] = {
         "estimator flags in the air": Expected(831),
         "offboard: results": Expected([0]),
         "zero velocity: from, m/s": Expected(0.505, within=0.03),
-        "zero velocity: way, m": Expected(0.33, within=0.06),
+        "zero velocity: way, m": Expected(0.33, within=0.1),
         "silence: way, m": Expected(0.52, within=0.08),
         "hold: way, m": Expected(0.70, within=0.1),
         "land: way, m": Expected(0.31, within=0.06),
