@@ -130,10 +130,10 @@ def test_with_metadata_no_event_is_told_by_its_number_too(px4: Px4, by: str) -> 
 
 def test_arming_problems_are_those_of_the_newest_report_each_once(px4: Px4) -> None:
     """Protects the reason of a refused arming: PX4 names a problem for each mode, and drops it when it has passed."""
-    assert px4.events.problems == ()
+    assert list(px4.events.problems) == []
     px4.finds("No valid position estimate", "", "Battery low", "No valid position estimate")
-    assert px4.events.problems == ("No valid position estimate", "Battery low")
+    assert list(px4.events.problems) == ["No valid position estimate", "Battery low"]
     px4.finds("Battery low")
-    assert px4.events.problems == ("Battery low",)
+    assert list(px4.events.problems) == ["Battery low"]
     px4.finds()
-    assert px4.events.problems == ()
+    assert list(px4.events.problems) == []

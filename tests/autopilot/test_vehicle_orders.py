@@ -11,6 +11,7 @@ from companion.autopilot.mode_control import TOLD_WITHIN_S, UNHEARD_S
 from companion.autopilot.vehicle import STAND_PATIENCE_S, TakenOver, Vehicle
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavState
+from companion.model import Setpoint
 from companion.station_keeping import STANDS_MPS
 from tests.autopilot import scripted
 from tests.autopilot.scripted import ARDUPILOT, KINDS, PX4, Flight, flying
@@ -75,6 +76,17 @@ async def test_after_a_stall_what_is_still_ours_is_ordered_as_soon_as_that_is_to
         await one.clock.sleep(0.75)
         assert await ordered(one, order) is None
         assert one.autopilot.mode == (scripted.BRAKE if order == "hold" else scripted.LAND)
+
+
+async def test_who_has_landed_it_unheard_is_not_disarmed_under_his_hands() -> None:
+    """Protects a pilot who has set the vehicle down: it is told to stand on the ground before it is told to be his."""
+    async with flying(PX4) as one:
+        one.autopilot.heartbeats, one.autopilot.mode = False, scripted.PX4_POSITION
+        one.link.deliver("EXTENDED_SYS_STATE", {"landed_state": 1})
+        await one.cruise(UNHEARD_S)
+        asked = len(one.link.commands)
+        one.autopilot.at(0.5, one.autopilot.heartbeat)
+    assert (len(one.link.commands), one.autopilot.armed) == (asked, True)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -187,5 +199,20 @@ async def test_a_flight_that_ends_by_landing_sends_no_setpoint_after_its_end() -
         one.autopilot.moves(0.4)
         await one.cruise(0.5)
         sent = len(one.setpoints)
+        went: list[bool] = []
+        # What is still running beside the end may go on sending.
+        one.link.on_command = lambda *_: went.append(one.vehicle.send(Setpoint(one.clock.now_s(), 0.5, 0.0, 0.0)))
+    assert went == [False]
     assert one.autopilot.mode == scripted.PX4_LAND
     assert len(one.setpoints) == sent
+
+
+@pytest.mark.parametrize("end", ["hold", "land"])
+async def test_a_vehicle_that_could_not_be_left_in_order_gets_no_setpoint_any_more(end: str) -> None:
+    """Protects from a link that comes back: what then leaves would end the failsafe that has the vehicle."""
+    async with flying(ARDUPILOT, end=end) as one:
+        one.link.gone = True
+    one.link.gone = False
+    one.autopilot.heartbeat()
+    assert not one.vehicle.send(Setpoint(one.clock.now_s(), 0.5, 0.0, 0.0))
+    assert one.vehicle._offboard.silent_because == "not engaged"
