@@ -107,7 +107,7 @@ def of_boot(kind: AutopilotKind, settings: Settings) -> dict[str, float]:
     with_gps = settings.model_copy(update={"autopilot": settings.autopilot.model_copy(update={"gps": True})})
     always = rules(kind, with_gps)
     early = [rule for rule in rules(kind, settings) if rule.reboot or rule not in always]
-    return {demand.name: demand.set_to for rule in early for demand in rule.either[0]}
+    return {one.name: one.set_to for rule in early for one in rule.either[0] if one.set_to is not None}
 
 
 def find(personality: str, environment: Mapping[str, str] = os.environ) -> RealAutopilot:
