@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from tests.integration.seen import CommandSeen, SetpointSeen, TextSeen
 from tests.integration.witness import Witness
 from validation.fault_matrix.injection import Final, Injection
 from validation.fault_matrix.scene import Flight
-from validation.fault_matrix.true_way import STANDING_FOR_S, STANDING_MPS, Truth, standing_s
+from validation.fault_matrix.true_way import STANDING_FOR_S, STANDING_MPS, Truth, contacts, standing_s
 
 AIM_S = 0.15
 """From fault to brake, beyond the configured limit."""
@@ -91,7 +90,8 @@ def judged(
         told: texts of the autopilot before the fault.
     """
     before, after = flight.truth.looks(until_s=fault_s), flight.truth.looks(fault_s, end_s)
-    contacts = _contacts(flight, after)
+    # Not the world's count: it goes on while the flight is being ended, and ends where the fault is the world's end.
+    touched = contacts([*before, *after], flight.settings.vehicle.body_radius_m)
     seen = flight.relay.seen
     setpoints = [one for one in seen.setpoints(fault_s) if one.t_s <= end_s]
     commands = [one for one in seen.commands(fault_s) if one.t_s <= end_s]
@@ -107,21 +107,14 @@ def judged(
         brake_s=brake_s,
         travelled_m=max((look.x_m for look in after), default=math.nan) - before[-1].x_m,
         least_m=min((look.d_m for look in after if look.d_m is not None), default=math.nan),
-        contacts=contacts,
+        contacts=touched,
         final=final,
         gate=tuple(text.text for text in seen.texts(fault_s) if _is_of_gate(text, end_s)),
-        problem=_problem(injection, brake_s, contacts, final, verified),
+        problem=_problem(injection, brake_s, touched, final, verified),
         standing_s=standing_s(after, fault_s),
         mode=_mode(flight.witness, end_s),
         texts=tuple(flight.witness.texts[told:]),
     )
-
-
-def _contacts(flight: Flight, after: Sequence[Truth]) -> int:
-    """As the world has counted them; one that was ended by the fault itself can have counted none after it."""
-    counted = int(json.loads((flight.folder / "truth.json").read_text(encoding="utf-8"))["contacts"])
-    least_m = min((look.d_m for look in after if look.d_m is not None), default=math.inf)
-    return max(counted, int(least_m <= flight.settings.vehicle.body_radius_m))
 
 
 def _mode(witness: Witness, end_s: float) -> str:
@@ -130,10 +123,10 @@ def _mode(witness: Witness, end_s: float) -> str:
 
 
 def _problem(
-    injection: Injection, brake_s: float | None, contacts: int, final: Final, verified: str | None
+    injection: Injection, brake_s: float | None, touched: int, final: Final, verified: str | None
 ) -> str | None:
-    if contacts:
-        return f"{contacts} contacts"
+    if touched:
+        return f"{touched} contacts"
     if final not in injection.expects:
         return f"{final}, not {' or '.join(sorted(injection.expects))}"
     if injection.needs_stop and brake_s is not None and brake_s > MOST_S:

@@ -7,16 +7,19 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from companion.config.settings import Settings
 from companion.model import Pose
 from sitl.autopilot.mavlink import Message
 from sitl.world.placement import Placer
 from sitl.world.truth_messages import TruthKind, TruthReader
-from validation.fault_matrix.corridor import LENGTH_M, START_X_M, WIDTH_M
+from validation.fault_matrix.corridor import HEIGHT_M, LENGTH_M, START_X_M, WIDTH_M
 
 STANDING_MPS, STANDING_FOR_S = 0.12, 0.5
 """A simulated vehicle that holds its place drifts, and creeps at 0.05 m/s where there is room left."""
 FLYING_M = 0.5
 """Above its start; below, nothing is near it but the floor."""
+ROOF_M = HEIGHT_M - Settings().vehicle.body_height_m / 2.0
+"""Above its middle when it stands at the start."""
 REMEMBERED = 20_000
 
 
@@ -31,6 +34,7 @@ class Truth:
         height_m: above its start.
         speed_mps: horizontal.
         d_m: from its middle to the nearest wall of the corridor; None while it does not fly.
+        roof_m: from its middle to the roof.
     """
 
     t_s: float
@@ -39,6 +43,7 @@ class Truth:
     height_m: float
     speed_mps: float
     d_m: float | None
+    roof_m: float = math.inf
 
 
 class TrueWay:
@@ -58,7 +63,9 @@ class TrueWay:
         speed_mps = math.hypot(pose.vx_mps, pose.vy_mps)
         d_m = min(LENGTH_M / 2.0 - abs(pose.x_m), WIDTH_M / 2.0 - abs(pose.y_m))
         flies = pose.z_m >= FLYING_M
-        self._looks.append(Truth(pose.t_s, pose.x_m, pose.y_m, pose.z_m, speed_mps, d_m if flies else None))
+        self._looks.append(
+            Truth(pose.t_s, pose.x_m, pose.y_m, pose.z_m, speed_mps, d_m if flies else None, ROOF_M - pose.z_m)
+        )
 
     def looks(self, since_s: float = -math.inf, until_s: float = math.inf) -> list[Truth]:
         """Between two moments, oldest first."""
@@ -67,6 +74,16 @@ class TrueWay:
     def newest(self) -> Truth | None:
         """The last look; None: nothing has come."""
         return self._looks[-1] if self._looks else None
+
+
+def contacts(looks: Iterable[Truth], radius_m: float) -> int:
+    """How often a body of this radius came to touch a wall or the roof while it flew."""
+    count, touched = 0, False
+    for look in looks:
+        touches = look.d_m is not None and min(look.d_m, look.roof_m) <= radius_m
+        count += touches and not touched
+        touched = touches
+    return count
 
 
 def standing_s(looks: Iterable[Truth], since_s: float) -> float | None:

@@ -106,7 +106,8 @@ def _text(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
 
-def _read(file: Path) -> list[Flown]:
+def read(file: Path) -> list[Flown]:
+    """What a campaign has written; nothing when there is no file."""
     if not file.exists():
         return []
     found = json.loads(file.read_text(encoding="utf-8"))
@@ -133,7 +134,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         say(str(error))
         return 2
-    done = _read(given.json) if given.resume else []
+    done = read(given.json) if given.resume else []
     left = [task for task in wanted if task not in [one.task for one in done]]
     for number, task in enumerate(left, 1):
         flown = _flown(autopilots[task.personality], task, given.keep, how)

@@ -44,14 +44,14 @@ def ways(given: argparse.Namespace) -> Ways:
 
 
 def prepare() -> None:
-    """End with whoever started this, and refuse a network that others share.
+    """Refuse a network that others share, and end with whoever started this.
 
     Raises:
         InputError: it is not one of its own.
     """
-    end_with_parent()
     if os.environ.get(OWN_NETWORK) != "1":
         raise InputError("the autopilots listen on every interface of the computer: start this by scripts/own-network")
+    end_with_parent()
 
 
 def say(words: str) -> None:
