@@ -14,31 +14,9 @@ from sitl.autopilot.origin import ORIGIN_ALT_M, zero_from
 from sitl.autopilot.parameters import Encoding, Kind
 from sitl.autopilot.personality import Numbers, Personality, Watch
 from sitl.autopilot.px4_failsafes import Px4Failsafes
+from sitl.autopilot.px4_modes import DESCEND, LABELS, MODES, STICKS
 from sitl.autopilot.px4_parameters import NO_GPS_PARAMETERS, ON_REQUEST, PARAMETERS, RATES_HZ
 from sitl.autopilot.state import Behaviour, Mode, State
-
-_NAMES = {
-    "MANUAL": (1, 0, Behaviour.COAST),
-    "ALTCTL": (2, 0, Behaviour.COAST),
-    "POSCTL": (3, 0, Behaviour.HOLD),
-    "AUTO.TAKEOFF": (4, 2, Behaviour.TAKEOFF),
-    "AUTO.LOITER": (4, 3, Behaviour.HOLD),
-    "AUTO.RTL": (4, 5, Behaviour.RETURN),
-    "AUTO.LAND": (4, 6, Behaviour.LAND),
-    "OFFBOARD": (6, 0, Behaviour.SETPOINTS),
-}
-_LANDING = (Behaviour.LAND, Behaviour.RETURN)
-_MODES = {
-    name: Mode(name, main << 16 | sub << 24, behaviour, behaviour not in _LANDING)
-    for name, (main, sub, behaviour) in _NAMES.items()
-}
-_DESCEND = Mode("AUTO.LAND", _MODES["AUTO.LAND"].custom_mode, Behaviour.DESCEND, armable=False)
-"""Shown like a landing, but nothing holds the position."""
-_LABELS = {
-    "MANUAL": ("Manual", 0), "ALTCTL": ("Altitude", 1), "POSCTL": ("Position", 2), "AUTO.LOITER": ("Hold", 4),
-    "AUTO.RTL": ("Return", 5), "OFFBOARD": ("Offboard", 7), "AUTO.TAKEOFF": ("Takeoff", 10), "AUTO.LAND": ("Land", 11),
-}  # fmt: skip
-"""What a text and an event call a mode."""
 
 _ORIGIN_WAIT_S = 5.0
 _EV_POSITION, _EV_YAW = 1, 8
@@ -51,7 +29,6 @@ _VISUAL = (
     m.MAV_ESTIMATOR_TYPE_VIO,
 )
 _UNHEALTHY = "Arming denied: Resolve system health failures first\t"
-_STICKS = ("MANUAL", "ALTCTL", "POSCTL")
 _FLY_OFF_SHARE = 0.8
 """Of MPC_XY_CRUISE: 4 m/s were measured with the default."""
 _OFFBOARD_RAMP_S = 1.2
@@ -80,8 +57,8 @@ class _Px4(Personality):
         capacity_mah=5000.0,
     )  # fmt: skip
     ready_s = 6.0
-    modes = _MODES
-    descend = _DESCEND
+    modes = MODES
+    descend = DESCEND
     boot_mode = hold_mode = "AUTO.LOITER"
     land_mode = "AUTO.LAND"
     return_mode = "AUTO.RTL"
@@ -158,7 +135,7 @@ class _Px4(Personality):
         """Whether a mode can be flown now."""
         if mode.behaviour is Behaviour.SETPOINTS:
             return not self.offboard_lost(state)
-        if mode.name in _STICKS:
+        if mode.name in STICKS:
             sticks = not state.transmitter.lost
             return sticks and (mode.name != "POSCTL" or self.position_valid(state))
         if mode.name in ("AUTO.LOITER", "AUTO.RTL"):
@@ -195,13 +172,13 @@ class _Px4(Personality):
         """While disarmed every mode is taken, and a landing always is."""
         if not state.armed or mode.behaviour is Behaviour.LAND or self.can_run(state, mode):
             return None
-        return f"Switching to {_LABELS[mode.name][0]} is currently not available\t"
+        return f"Switching to {LABELS[mode.name][0]} is currently not available\t"
 
     def tell_mode_refused(self, state: State, mode: Mode, refusal: str, source: int | None) -> None:
         """To a command that changes the mode, only Mission Planner's number gets words: others hear a tone."""
         if source in (None, _MISSION_PLANNER):
             state.say(MavSeverity.CRITICAL, refusal)
-            arguments = mode.custom_mode.to_bytes(4, "little") + bytes([_LABELS[mode.name][1]])
+            arguments = mode.custom_mode.to_bytes(4, "little") + bytes([LABELS[mode.name][1]])
             state.tell(Event("commander_modeswitch_not_avail", 2, 6, arguments))
 
     def unknown_mode(self, state: State, number: int) -> int:
@@ -235,7 +212,7 @@ class _Px4(Personality):
     def base_mode(self, state: State) -> int:
         mode = state.shown
         flags = m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-        if mode.name in _STICKS:
+        if mode.name in STICKS:
             return int(flags | m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | m.MAV_MODE_FLAG_STABILIZE_ENABLED)
         if mode.behaviour is Behaviour.SETPOINTS:
             stabilized = state.target_age_s() < state.parameters["COM_OF_LOSS_T"]
