@@ -149,18 +149,16 @@ def test_time_answers_that_nobody_asked_for_are_ignored() -> None:
         autopilot.link.deliver("TIMESYNC", fields)
     assert autopilot.telemetry.clock_residual_s is None
     autopilot.clock.advance(0.01)
-    autopilot.link.deliver("TIMESYNC", {"tc1": 10**11, "ts1": question})
-    round_trip_s, residual_s = autopilot.telemetry.clock_round_trip_s, autopilot.telemetry.clock_residual_s
-    assert round_trip_s == pytest.approx(0.01)
+    for _ in range(2):
+        autopilot.link.deliver("TIMESYNC", {"tc1": 10**11, "ts1": question})
+    assert autopilot.telemetry.clock_round_trip_s == pytest.approx(0.01), "an answer counts"
     autopilot.clock.advance(1.0)
-    aged_s = autopilot.telemetry.clock_residual_s
-    autopilot.link.deliver("TIMESYNC", {"tc1": 10**11, "ts1": question})
-    assert residual_s is not None
-    assert aged_s is not None
-    assert 0.005 <= residual_s < aged_s
-    assert autopilot.telemetry.clock_residual_s == aged_s, "an answer counts once"
+    residual_s = autopilot.telemetry.clock_residual_s
+    autopilot.link.deliver("TIMESYNC", {"tc1": 10**11 + 10**9, "ts1": question})
+    assert autopilot.telemetry.clock_residual_s == residual_s, "and counts once"
 
 
+@pytest.mark.parametrize(("rate", "least", "most"), [(1.0, 15, 20), (0.9999, 15, 20), (0.98, 60, 100)])
 def test_timesync_is_asked_often_at_first_and_seldom_later() -> None:
     """Protects a slow serial link, and the alignment in the first seconds."""
     autopilot = Autopilot()
