@@ -19,6 +19,7 @@ from companion.autopilot.take_off import TakeOff
 from companion.autopilot.telemetry import Telemetry
 from companion.clock import Clock
 from companion.config.settings import Settings
+from companion.control.ramp import Ramp
 from companion.errors import CompanionError
 from companion.model import Setpoint
 from companion.station_keeping import STANDS_MPS
@@ -146,11 +147,12 @@ class Vehicle:
         """Land by setpoints, where it is; the autopilot disarms when it is down. Gives as `land` does."""
         _log.warning("landing by setpoints: the autopilot's own landing would fly to 0°/0°")
         self._modes.may_disarm()
+        ramp = Ramp(self._settings.control.max_accel_mps2, POLL_S)
         while self._modes.maybe_armed:
             self._modes.check_ours()
             if self._clock.now_s() > give_up_s:
                 return False
-            self._offboard.send(Setpoint(self._clock.now_s(), 0.0, -LAND_MPS, 0.0))
+            self._offboard.send(ramp.limit(Setpoint(self._clock.now_s(), 0.0, -LAND_MPS, 0.0)))
             await self._clock.sleep(POLL_S)
         return True
 

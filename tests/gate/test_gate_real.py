@@ -7,9 +7,13 @@ from typing import Any
 
 import pytest
 
+from companion.gate.failsafe_actions import LAND_MPS
 from companion.gate.faults import Fault, Stage
-from companion.gate.plan import Reaction
+from companion.gate.plan import Plan, Reaction
+from companion.gate.protocol import Phase
+from companion.mavlink.codec import Frame
 from companion.mavlink.firmware import AutopilotKind
+from companion.mavlink.modes import personality
 from tests.gate.built import (
     AUTOPILOT,
     BEAT,
@@ -27,6 +31,7 @@ from tests.gate.built import (
 )
 from tests.gate.gate_scene import NOW_S, Scene, flying
 
+PX4 = personality(AutopilotKind.PX4)
 BOTH = pytest.mark.parametrize("kind", KINDS)
 
 
@@ -258,3 +263,58 @@ def test_the_pause_button_stops_it_and_does_not_reach_the_autopilot(kind: Autopi
     air.run(3.0)
     assert air.stage() is Stage.HOLD, "to press continue is no start"
     assert [fields["target_system"] for _, name, fields in air.sent if name == "COMMAND_ACK"] == [GROUND[0]]
+
+
+# It lands where it is.
+
+
+def nowhere(plan: Plan = PLAN) -> Air:
+    """PX4 that was given an origin in flight, and has no position on the globe."""
+    air = in_the_air(plan)
+    air.tell("GPS_GLOBAL_ORIGIN", latitude=473977418, longitude=85455939)
+    air.run(3.5)
+    air.sent.clear()
+    air.passed.clear()
+    return air
+
+
+@pytest.mark.parametrize(
+    "order", [command(21), command(176, *personality(AutopilotKind.PX4).set_mode_parameters(LAND))]
+)
+def test_a_landing_that_would_fly_away_is_flown_by_the_gate(order: Frame) -> None:
+    """Protects from walls between here and 0°/0°: whatever the application orders, the autopilot lands in place."""
+    air = nowhere()
+    assert air.ask(order) is None, "it never reaches the autopilot"
+    air.run(0.5)
+    assert air.stage() is Stage.LAND
+    assert last_stop(air)["vz"] == pytest.approx(LAND_MPS)
+    assert "land: ordered" in air.notices, "and the pilot is told so"
+
+
+def test_what_else_is_asked_for_passes_as_before() -> None:
+    """Protects the hold of such a vehicle, and its disarming on the ground."""
+    air = nowhere()
+    assert air.ask(command(176, *air.ours.set_mode_parameters(air.ours.hold))) is not None
+    assert air.ask(command(400, 0.0)) is not None
+    assert air.stage() is Stage.PASS
+
+
+@pytest.mark.parametrize(
+    ("asked", "passes"),
+    [
+        (setpoint(vz=0.1), True),
+        (setpoint(), True),
+        (setpoint(vz=-0.1), False),
+        (setpoint(vx=0.1, vz=0.1), False),
+        (setpoint(vz=0.1, yaw_rate=0.1), False),
+    ],
+)
+def test_an_application_that_ends_its_flight_may_sink_and_nothing_else(asked: Frame, passes: bool) -> None:
+    """Protects the application's own landing by setpoints, and nothing more than that."""
+    air = nowhere()
+    air.setpoints = False
+    air.beat = replace(BEAT, phase=Phase.ENDING)
+    air.run(0.06)
+    raw = air.ask(asked)
+    assert raw is not None
+    assert (raw == asked.raw) == passes
