@@ -278,7 +278,7 @@ def nowhere(plan: Plan = PLAN) -> Air:
     return air
 
 
-@pytest.mark.parametrize("order", [command(21), command(176, *PX4.set_mode_parameters(LAND))])
+@pytest.mark.parametrize("order", [command(21), command(176, *PX4.set_mode_parameters(PX4.land))])
 def test_a_landing_that_would_fly_away_is_flown_by_the_gate(order: Frame) -> None:
     """Protects from walls between here and 0°/0°: whatever the application orders, the autopilot lands in place."""
     air = nowhere()
