@@ -18,7 +18,8 @@ from validation.real.station import Station
 
 STOPPED = frozenset({Final.BRAKED, Final.HELD, Final.LANDED, Final.FAILSAFE})
 """Which of them it is the table shows; that it stands, and how far it went, is what counts."""
-PILOT = STOPPED | {Final.PILOT}
+PILOT = STOPPED | {Final.PILOT, Final.FLYING}
+"""Whoever flies it may also let it drift, as PX4's simulator does in position mode."""
 ANY = frozenset(Final)
 JUMP_M, DIVERGING_MPS = 1.0, 0.2
 LOST_S = 1.5
