@@ -13,8 +13,9 @@ from companion.autopilot.interface import Link
 from companion.config.autopilot import AutopilotSettings
 from companion.mavlink.firmware import AutopilotKind
 
-LATITUDE_E7, LONGITUDE_E7, ALTITUDE_MM = 473977418, 85455939, 488000
-"""Any place on Earth does: without GPS the autopilot only needs to have one."""
+LATITUDE_E7, LONGITUDE_E7, ALTITUDE_MM = 473977418, 85455939, 0
+"""Any place on Earth does: without GPS the autopilot only needs to have one. Any height but 0 would be added to PX4's
+own, and a geofence about the start would be as far away."""
 
 ORIGIN_MESSAGE, POSITION_MESSAGE = "GPS_GLOBAL_ORIGIN", "GLOBAL_POSITION_INT"
 HEARD_S = 3.5

@@ -1,7 +1,7 @@
-"""Whether something still tells the autopilot where it is: GPS, or the odometry that passes through the gate. Pure.
+"""Whether something still tells the autopilot where it is, by its own words: its figures of merit, its GPS. Pure.
 
 An estimator goes on for seconds without: ArduCopter says for 7 s that all is well while it drifts at 0.1 to 0.17 m/s.
-What it says first is nothing: its figures of merit stand still, the receiver falls silent, the odometry does.
+What it says first is nothing: its figures of merit stand still, the receiver falls silent.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ class Aiding:
     Attributes:
         gps_s: when a position fix last came; -inf: never in this flight.
         gps_fix: the newest GPS_FIX_TYPE.
-        odometry_s: when odometry last passed that says something new; -inf: none passes through the gate.
     """
 
     def __init__(self) -> None:
@@ -36,9 +35,8 @@ class Aiding:
 
     def reset(self) -> None:
         """A new flight: what never came in it cannot be missed."""
-        self.gps_s = self.odometry_s = -math.inf
+        self.gps_s = -math.inf
         self.gps_fix = 0
-        self._odometry: tuple[float, ...] | None = None
         self._figures: tuple[float | None, ...] | None = None
         self._figures_s = self._changed_s = -math.inf
 
@@ -47,16 +45,6 @@ class Aiding:
         self.gps_fix = fields["fix_type"]
         if self.gps_fix >= FIX_3D:
             self.gps_s = now_s
-
-    def on_odometry(self, fields: Mapping[str, Any], now_s: float) -> None:
-        """One ODOMETRY or VISION_POSITION_ESTIMATE for the autopilot.
-
-        One that repeats the last bit for bit is none: a tracker that hangs says the same again and again. Nor is one
-        without a number.
-        """
-        place = tuple(fields[name] for name in ("x", "y", "z"))
-        if all(map(math.isfinite, place)) and place != self._odometry:
-            self._odometry, self.odometry_s = place, now_s
 
     def on_estimator(self, kind: AutopilotKind, fields: Mapping[str, Any], now_s: float) -> None:
         """One ESTIMATOR_STATUS or EKF_STATUS_REPORT."""

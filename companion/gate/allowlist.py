@@ -58,6 +58,8 @@ ODOMETRY = frozenset(
 """Of a program that only tells the autopilot where it is."""
 PLACES = frozenset({"ODOMETRY", "VISION_POSITION_ESTIMATE"})
 """Those of them that say where."""
+TRACKED = PLACES | {"VISION_SPEED_ESTIMATE"}
+"""Those of them that a tracker has measured."""
 
 
 def mode_asked_for(kind: AutopilotKind, fields: Mapping[str, float]) -> int | None:

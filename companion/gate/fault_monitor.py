@@ -137,13 +137,14 @@ class FaultMonitor:
         """What still tells the autopilot where it is; what never came in this flight is not missed."""
         aiding, limit = self._vehicle.aiding, self._plan.thresholds
         found: dict[Fault, str] = {}
+        odometry_s = self._vehicle.odometry.fresh_s
         stands_s = aiding.figures_stand_for_s()
         if stands_s > limit.aiding_s:
             found[Fault.AIDING_LOST] = f"for {stands_s:.1f} s"
         if self._plan.gps and math.isfinite(aiding.gps_s) and now_s - aiding.gps_s > limit.gps_s:
             found[Fault.GPS_LOST] = f"{_seconds(now_s - aiding.gps_s)}, fix {aiding.gps_fix}"
-        if math.isfinite(aiding.odometry_s) and now_s - aiding.odometry_s > limit.odometry_s:
-            found[Fault.ODOMETRY_SILENT] = _seconds(now_s - aiding.odometry_s)
+        if math.isfinite(odometry_s) and now_s - odometry_s > limit.odometry_s:
+            found[Fault.ODOMETRY_SILENT] = _seconds(now_s - odometry_s)
         return found
 
     def _of_the_inputs(self, now_s: float) -> dict[Fault, str]:

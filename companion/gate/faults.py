@@ -42,7 +42,7 @@ class Fault(enum.StrEnum):
     GPS_LOST = "gps_lost"
     """The autopilot flies by GPS, and its position fix is gone."""
     ODOMETRY_SILENT = "odometry_silent"
-    """The odometry that passes through the gate has stopped, or says the same again and again."""
+    """The odometry that passes through the gate has stopped, says the same again and again, or has leapt."""
     NOT_OBEYED = "not_obeyed"
     """Setpoints go out, and the vehicle does something else: asked to stand it moves, asked to move it stands."""
     HEARTBEAT_LOST = "heartbeat_lost"

@@ -172,7 +172,11 @@ class Gate:
         if fields is None:
             return True
         if feeds and name in allowlist.PLACES:
-            self._vehicle.aiding.on_odometry(fields, now_s)
+            self._vehicle.odometry.on_place(fields, now_s)
+        if feeds and name in allowlist.TRACKED and self.airborne and not self._vehicle.odometry.believed:
+            # An autopilot that is told nothing brakes and lands; one that is told this runs away.
+            self.counts["attached: odometry that repeats itself or leaps"] += 1
+            return False
         # A pause ends here: ArduCopter would freeze in guided and fly on with the next word.
         if name in ORDERS and self._on_foreign_command(fields, frame):
             return False

@@ -10,6 +10,7 @@ from companion.gate.aiding import Aiding
 from companion.gate.allowlist import mode_asked_for
 from companion.gate.battery import Battery
 from companion.gate.motion import Motion
+from companion.gate.odometry import Odometry
 from companion.gate.plan import Thresholds
 from companion.mavlink.estimator import ESTIMATOR, estimator_valid
 from companion.mavlink.firmware import KINDS, AutopilotKind
@@ -42,7 +43,8 @@ class Vehicle:
         heartbeat_s: when its last heartbeat came; -inf: never.
         motion: by its own words.
         battery: the same.
-        aiding: what still tells it where it is.
+        aiding: whether something still tells it where it is.
+        odometry: that passes through the gate on its way to it.
         estimator_good: None before it has said anything of its estimator.
     """
 
@@ -53,6 +55,7 @@ class Vehicle:
         self.motion = Motion(thresholds.pose_jump_m)
         self.battery = Battery(thresholds.battery_percent, thresholds.battery_v)
         self.aiding = Aiding()
+        self.odometry = Odometry(thresholds.pose_jump_m)
         self.estimator_good: bool | None = None
         self._mode_monitor = ModeMonitor(AutopilotKind.PX4)
         self._requests: dict[int, int] = {}  # component that asked for a mode -> number of its request
@@ -122,6 +125,7 @@ class Vehicle:
         """The flight is over: an arming from here on is a new one."""
         self._asked_to_arm, self._armed_s = False, math.inf
         self.aiding.reset()
+        self.odometry.reset()
 
     def on_message(self, name: str | None, fields: Fields, now_s: float) -> None:
         """One message of the autopilot of our vehicle; its name is None when it is not one of `READ`."""

@@ -10,6 +10,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from companion.autopilot.global_origin import ALTITUDE_MM
 from sitl.world.mavlink_out import LocalFrame
 from sitl.world.truth_messages import MESSAGES, Fix, TruthKind, TruthReader
 
@@ -157,7 +158,7 @@ class Handshake:
         fix = self._reader.origin or SOMEWHERE
         self._sender.set_gps_global_origin_send(
             *(self._system_id, round(fix.latitude_deg * 1e7), round(fix.longitude_deg * 1e7)),
-            *(round(fix.altitude_m * 1e3), int(now_s * 1e6)),
+            *(ALTITUDE_MM, int(now_s * 1e6)),
         )
 
     def _warn_of_silence(self, now_s: float, since_s: float) -> None:

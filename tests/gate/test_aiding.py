@@ -17,10 +17,6 @@ def figures(kind: AutopilotKind, velocity: float, position: float) -> dict[str, 
     return dict(zip(FIGURES[kind], (velocity, position), strict=True))
 
 
-def place(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> dict[str, float]:
-    return {"x": x, "y": y, "z": z}
-
-
 @BOTH
 def test_figures_that_stand_still_are_those_of_an_estimator_without_news(kind: AutopilotKind) -> None:
     """Protects the 7 s in which ArduCopter says that all is well, and drifts."""
@@ -58,30 +54,12 @@ def test_a_position_fix_has_three_dimensions(fix: int, counts: bool) -> None:
     assert (aiding.gps_s, aiding.gps_fix) == (65.0 if counts else 64.0, fix)
 
 
-@pytest.mark.parametrize("name", ["x", "y", "z"])
-def test_odometry_that_repeats_itself_is_none(name: str) -> None:
-    """Protects from a tracker that hangs and goes on sending: the last bit of a living one changes."""
-    aiding = Aiding()
-    assert aiding.odometry_s == -math.inf
-    aiding.on_odometry(place(), 64.0)
-    aiding.on_odometry(place(), 65.0)
-    assert aiding.odometry_s == 64.0
-    aiding.on_odometry(place(**{name: 1e-9}), 66.0)
-    assert aiding.odometry_s == 66.0
-    for value in (math.nan, math.inf):
-        aiding.on_odometry(place(**{name: value}), 67.0)
-        assert aiding.odometry_s == 66.0, "nor is one that says no number"
-
-
 def test_a_new_flight_misses_nothing_that_never_came_in_it() -> None:
-    """Protects a flight without odometry through the gate from the one before, which had it."""
+    """Protects a flight without GPS from the one before, which had it."""
     aiding = Aiding()
     aiding.on_gps({"fix_type": 3}, 64.0)
-    aiding.on_odometry(place(), 64.0)
     for now_s in (64.0, 65.0):
         aiding.on_estimator(AutopilotKind.PX4, figures(AutopilotKind.PX4, 0.1, 0.2), now_s)
     aiding.reset()
-    assert (aiding.gps_s, aiding.gps_fix, aiding.odometry_s) == (-math.inf, 0, -math.inf)
+    assert (aiding.gps_s, aiding.gps_fix) == (-math.inf, 0)
     assert aiding.figures_stand_for_s() == 0.0
-    aiding.on_odometry(place(), 66.0)
-    assert aiding.odometry_s == 66.0, "the same place is news again"
