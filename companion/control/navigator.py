@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,9 +14,9 @@ from companion.control.governor import governed_speed_mps
 from companion.control.known_ground import KnownGround
 from companion.control.parameters import Parameters
 from companion.control.ramp import Ramp
+from companion.control.standing import Standing
 from companion.control.target import Target, TargetKind, world_point
 from companion.model import ABSURD, HIT, Measurement, Mode, Pose, Scan, Setpoint, wrap_rad
-from companion.station_keeping import StationKeeper
 
 FORGET_TANGENT_S = 5.0
 """A tangent out of view for this long is a new one when it comes back: ten metres of flight would be too far for the
@@ -67,7 +67,7 @@ class Navigator:
         self._choice = Choice(parameters, self._ground)
         self._laps = LapCounter()
         self._ramp = Ramp(parameters.max_accel_mps2, parameters.period_s)
-        self._station = StationKeeper()
+        self._standing = Standing(parameters)
         self._pause_until_s = -math.inf
         self._turned_rad = 0.0
         self._last_yaw_rad: float | None = None
@@ -102,7 +102,7 @@ class Navigator:
         climb = self._climb_mps(measurement, pose)
         if self._holding or scan is None:
             self._last_yaw_rad = None
-            self._station.release()
+            self._standing.release()
             return self._ramp.limit(Setpoint(t_s, 0.0, climb, 0.0))
         self._count_turning(pose)
         self._choice.see(scan, pose, t_s)
@@ -113,19 +113,10 @@ class Navigator:
         elif self._mode is Mode.BOUNDARY:
             self._leave_boundary(measurement, scan, pose, t_s)
         speed = self._speed_mps(measurement, scan, pose)
-        setpoint = self._ramp.limit(Setpoint(t_s, speed, climb, self._yaw_rate_radps(measurement, pose)))
-        return self._standing(setpoint, pose)
+        wanted = Setpoint(t_s, speed, climb, self._yaw_rate_radps(measurement, pose))
+        return self._ramp.limit(self._standing.of(wanted, scan, pose))
 
     # The laws.
-
-    def _standing(self, setpoint: Setpoint, pose: Pose) -> Setpoint:
-        """With speed zero the paper's vehicle stands, also while it turns; a real one is led back to where it stood."""
-        if setpoint.speed_mps != 0.0:
-            self._station.release()
-            return setpoint
-        at_m, velocity_mps = (pose.x_m, pose.y_m, pose.z_m), (pose.vx_mps, pose.vy_mps, pose.vz_mps)
-        forward_mps, left_mps, _ = self._station.velocity(at_m, velocity_mps, pose.yaw_rad, setpoint.t_s)
-        return replace(setpoint, speed_mps=forward_mps, lateral_mps=left_mps)
 
     def _yaw_rate_radps(self, measurement: Measurement, pose: Pose) -> float:
         """Paper eq. (7)."""

@@ -5,12 +5,26 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from companion.control.navigator import Navigator
-from companion.model import Input, Mode, Pose, Setpoint
+from companion.control.parameters import Parameters
+from companion.control.standing import Standing
+from companion.model import HIT, Input, Mode, Pose, Scan, Setpoint
 from companion.station_keeping import GAIN_PER_S, MOST_MPS
-from tests.control.stages import ALWAYS, DT_S, IN_MODE, OPEN, ORIGIN, beside, mode_of, navigator_with, wall_ahead
+from tests.control.scene import scan_of
+from tests.control.stages import (
+    ALWAYS,
+    DT_S,
+    IN_MODE,
+    OPEN,
+    ORIGIN,
+    beside,
+    mode_of,
+    navigator_with,
+    wall_ahead,
+)
 
 CREPT_M = 0.08
 
@@ -54,7 +68,7 @@ def test_what_flies_is_steered_by_the_laws_alone(mode: Mode) -> None:
 def test_what_has_flown_on_stands_at_its_next_stop() -> None:
     """Protects from being led back to where it stood before: metres backward, unseen."""
     navigator = IN_MODE[Mode.BOUNDARY]()
-    for i, (told, x_m) in enumerate([(wall_ahead(0.6), 0.0), (beside(1), 0.5), (wall_ahead(0.6), 1.0)]):
+    for i, (told, x_m) in enumerate([(wall_ahead(0.68), 0.0), (beside(1), 0.5), (wall_ahead(0.68), 1.0)]):
         stopped = navigator.step(told, replace(ORIGIN, x_m=x_m), DT_S * i)
     assert (stopped.speed_mps, stopped.lateral_mps) == (0.0, 0.0)
 
@@ -69,3 +83,53 @@ def test_nobody_is_led_back_by_inputs_that_are_missing() -> None:
     assert (blind.speed_mps, blind.lateral_mps) == (0.0, 0.0)
     (seeing,) = turning(navigator, [away], 2.0 * DT_S)
     assert (seeing.speed_mps, seeing.lateral_mps) == (0.0, 0.0)
+
+
+# Walls that come nearer.
+
+
+def seen(*walls: tuple[float, float], remembered: tuple[float, float] | None = None) -> Scan:
+    """A scan that is free but for walls of a few degrees: (bearing, distance); one of them may be from memory."""
+    scan = scan_of(lambda _: math.inf)
+    for bearing_rad, range_m in (*walls, *([remembered] if remembered else [])):
+        near = np.abs(np.angle(np.exp(1j * (scan.bearings_rad - bearing_rad)))) < 0.05
+        scan.ranges_m[near], scan.state[near] = range_m, HIT
+        scan.fresh[near] = (bearing_rad, range_m) != remembered
+    return scan
+
+
+def stood(scan: Scan, pose: Pose = ORIGIN) -> Setpoint:
+    return Standing(Parameters()).of(Setpoint(0.0, 0.0, 0.0, 0.2), scan, pose)
+
+
+@pytest.mark.parametrize("bearing_rad", [0.0, 0.6, -1.2])
+@pytest.mark.parametrize(("range_m", "speed_mps"), [(0.66, 0.0), (0.6, 0.1), (0.4, 0.2)])
+def test_it_backs_away_from_a_wall_that_has_come_too_near(bearing_rad: float, range_m: float, speed_mps: float) -> None:
+    """Protects from odometry that drifts: by its own position the vehicle stands, and the wall comes nearer."""
+    asked = stood(seen((bearing_rad, range_m)))
+    along = asked.speed_mps * math.cos(bearing_rad) + asked.lateral_mps * math.sin(bearing_rad)
+    assert along == pytest.approx(-speed_mps, abs=0.01)
+    assert math.hypot(asked.speed_mps, asked.lateral_mps) == pytest.approx(speed_mps, abs=0.01)
+    assert asked.yaw_rate_radps == 0.2, "and turns as it was asked to"
+
+
+def test_it_does_not_back_into_another_wall() -> None:
+    """Protects the side that it does not look at: between two walls it stands."""
+    assert stood(seen((0.0, 0.5), (math.pi, 0.65))).speed_mps == 0.0
+    assert stood(seen((0.0, 0.5), remembered=(3.0, 0.65))).speed_mps == 0.0, "a remembered one is one"
+    assert stood(seen((0.0, 0.5), (2.0, 0.65))).speed_mps < 0.0, "one beside the way back is none behind"
+
+
+def test_a_wall_that_is_only_remembered_drives_nobody() -> None:
+    """Protects from a position that drifts: it carries the walls of memory along, and they come nearer in mind only."""
+    assert stood(seen(remembered=(0.0, 0.4))).speed_mps == 0.0
+
+
+def test_after_backing_away_it_stays_where_it_then_stands() -> None:
+    """Protects from swinging: it is not led back to the place that was too near."""
+    standing = Standing(Parameters())
+    still = Setpoint(0.0, 0.0, 0.0, 0.0)
+    standing.of(still, seen(), ORIGIN)
+    standing.of(replace(still, t_s=1.0), seen((0.0, 0.5)), ORIGIN)
+    after = standing.of(replace(still, t_s=2.0), seen((0.0, 0.7)), replace(ORIGIN, x_m=-0.2))
+    assert (after.speed_mps, after.lateral_mps) == (0.0, 0.0)
