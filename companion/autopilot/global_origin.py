@@ -56,9 +56,7 @@ class GlobalOrigin:
             self._listens_since_s = now_s
         if self._origin.age_s(now_s) <= HEARD_S:
             self._heard_s = now_s if self._heard_s is None else self._heard_s
-        elif (
-            self._wanted and now_s - self._listens_since_s >= FIRST_LISTEN_S and now_s - self._told_s >= TELL_AGAIN_S
-        ):
+        elif self._wanted and now_s - self._listens_since_s >= FIRST_LISTEN_S and now_s - self._told_s >= TELL_AGAIN_S:
             self._told_s = now_s
             self._link.send(
                 "SET_GPS_GLOBAL_ORIGIN",
