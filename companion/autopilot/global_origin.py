@@ -20,6 +20,8 @@ own, and a geofence about the start would be as far away."""
 ORIGIN_MESSAGE, POSITION_MESSAGE = "GPS_GLOBAL_ORIGIN", "GLOBAL_POSITION_INT"
 HEARD_S = 3.5
 """Both are asked for at 1 Hz or more: this old, one of them may have been lost twice."""
+FIRST_LISTEN_S = 4.0
+"""Somebody else may just have set one: it is heard within this time, and a second one would shift the height."""
 TELL_AGAIN_S = 2.0
 JUDGE_S = 5.0
 """A global position comes at once when it comes; PX4 was ready to hold 5 s after an origin."""
@@ -31,25 +33,31 @@ def is_wanted(kind: AutopilotKind, settings: AutopilotSettings) -> bool:
 
 
 class GlobalOrigin:
-    """Tells an origin until one is heard. One that somebody else has set stays: another would shift the height."""
+    """Tells an origin until one is heard, and listens for one first.
+
+    One that somebody else has set stays: another with another altitude shifts the height at once.
+    """
 
     def __init__(self, link: Link, settings: AutopilotSettings) -> None:
         self._link = link
         self._wanted = is_wanted(link.kind, settings)
         self._origin = link.watch(ORIGIN_MESSAGE)
         self._position = link.watch(POSITION_MESSAGE)
+        self._listens_since_s: float | None = None
         self._told_s = -math.inf
         self._heard_s: float | None = None
 
     def tell_where_missing(self, now_s: float) -> None:
-        """Tell it, if it is wanted and not heard.
+        """Tell it, if it is wanted and has not been heard; not before `FIRST_LISTEN_S` after the first call.
 
         Raises:
             LinkError: the link is gone.
         """
+        if self._listens_since_s is None:
+            self._listens_since_s = now_s
         if self._origin.age_s(now_s) <= HEARD_S:
             self._heard_s = now_s if self._heard_s is None else self._heard_s
-        elif self._wanted and now_s - self._told_s >= TELL_AGAIN_S:
+        elif self._wanted and now_s - self._listens_since_s >= FIRST_LISTEN_S and now_s - self._told_s >= TELL_AGAIN_S:
             self._told_s = now_s
             self._link.send(
                 "SET_GPS_GLOBAL_ORIGIN",

@@ -15,7 +15,7 @@ from companion.cli.options import Config, Preset
 from companion.clock import MonotonicClock
 from companion.config.load import load
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
-from sitl.world.connection import TruthUrl
+from sitl.world.connection import PeerUrl
 from sitl.world.mavlink_out import Feed, LocalFrame
 from sitl.world.odometry import Align, OdometrySettings
 from sitl.world.placement import Scene
@@ -64,6 +64,13 @@ def world(
     odometry: Annotated[
         Feed, typer.Option(help="Visual odometry for the autopilot, as ODOMETRY or as VISION_POSITION and _SPEED.")
     ] = Feed.NONE,
+    odometry_to: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL",
+            help="Who passes it on, the gate with safety.attached: udpout://HOST:PORT. Else it goes to --truth.",
+        ),
+    ] = None,
     odometry_hz: Annotated[float, typer.Option(metavar="HZ", help="30 for PX4, 50 for ArduPilot.")] = 30.0,
     odometry_noise: Annotated[float, typer.Option(metavar="M", help="Of each position axis.")] = 0.01,
     odometry_attitude_noise: Annotated[float, typer.Option(metavar="RAD", help="Of each attitude angle.")] = 0.003,
@@ -115,7 +122,7 @@ def world(
     # stderr, so that what a program reads on stdout stays its own.
     logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="%(message)s")
     plan = Plan(
-        truth=TruthUrl.parse(truth),
+        truth=PeerUrl.of_truth(truth),
         stream_url=stream,
         system_id=system_id,
         truth_from=truth_from,
@@ -132,6 +139,7 @@ def world(
             outage_s=odometry_outage,
             align=odometry_align,
         ),
+        odometry_to=None if odometry_to is None else PeerUrl.of_odometry(odometry_to),
         frame=odometry_frame,
         gps=not no_gps,
         send_distance_sensor=send_distance_sensor,
@@ -146,6 +154,8 @@ def world(
         raise InputError(
             "--truth-from local with --odometry: the odometry would be made of the estimate that is made of it"
         )
+    if plan.feed is Feed.NONE and plan.odometry_to is not None:
+        raise InputError(f"--odometry-to {odometry_to}: needs --odometry odometry or --odometry vision")
     if plan.feed is not Feed.NONE and odometry_hz > 1.1 * truth_hz:
         raise InputError(f"--odometry-hz {odometry_hz:g}: needs truth as often, --truth-hz is {truth_hz:g}")
     if start is not None and not all(map(math.isfinite, start)):

@@ -73,7 +73,7 @@ class Crew:
         self.plan = plan
         self.config = plan.folder / "vehicle.yaml"
         """The settings file for the application."""
-        *free, self.control_port, self.world_port = free_udp_ports(5)
+        *free, self.control_port, self.world_port, self._odometry_port = free_udp_ports(6)
         self.ports = Ports(*free) if plan.real is None else plan.real.ports
         """Where the autopilot sends to."""
         self._stream_url = f"tcp://127.0.0.1:{free_tcp_port()}"
@@ -123,7 +123,10 @@ class Crew:
             "mission": {"start": "now", "time_limit_s": plan.time_limit_s},
             "record": {"folder": str(plan.folder), "largest_mb": 500.0},
         }
-        return write_settings(self.config, plan.preset, own, plan.settings or {})
+        wanted = plan.settings or {}
+        if not plan.gps:
+            wanted = with_odometry(wanted, self._odometry_port)
+        return write_settings(self.config, plan.preset, own, wanted)
 
     def _autopilot(self, settings: Settings) -> Program:
         plan, ports = self.plan, self.ports
@@ -142,13 +145,12 @@ class Crew:
 
     def _world(self) -> Program:
         plan = self.plan
-        hz = "30" if plan.personality == "px4" else "50"
         options = (
             *("--world", plan.world, "--seed", str(plan.seed), "--preset", plan.preset),
             *("--truth", f"udp://127.0.0.1:{self.ports.world}", "--stream", self._stream_url),
             *("--control", str(self.world_port)),
             *("--score", str(self.score_file), "--trajectory", str(plan.folder / "truth.csv")),
-            *([] if plan.gps else ["--no-gps", "--odometry", "odometry", "--odometry-hz", hz]),
+            *(() if plan.gps else odometry_options(plan.personality, self._odometry_port)),
             *plan.world_options,
         )
         return Program("world", (*command("sitl", "world"), *options), WORLD_SERVES)
@@ -168,6 +170,19 @@ class Crew:
 def command(*words: str) -> list[str]:
     """The command line of a `companion` command, run by this interpreter."""
     return [sys.executable, "-m", "companion", *words]
+
+
+def odometry_options(personality: str, port: int) -> tuple[str, ...]:
+    """For `companion sitl world`, when the autopilot has no GPS: odometry for it, to the gate at this UDP port."""
+    hz = "30" if personality == "px4" else "50"
+    return ("--no-gps", "--odometry", "odometry", "--odometry-hz", hz, "--odometry-to", f"udpout://127.0.0.1:{port}")
+
+
+def with_odometry(settings: Sections, port: int) -> dict[str, Any]:
+    """These settings of the application, with odometry through its gate, at this UDP port, beside who is attached."""
+    others = settings.get("safety", {}).get("attached", ())
+    odometry = {"url": f"udpin://127.0.0.1:{port}", "may": "odometry"}
+    return merge(settings, {"safety": {"attached": [*others, odometry]}})
 
 
 def free_udp_ports(count: int) -> list[int]:

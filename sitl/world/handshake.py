@@ -55,6 +55,13 @@ def told_an_origin(gps: bool, frame: LocalFrame) -> frozenset[int]:
     return frozenset({mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA} | px4)
 
 
+def send_heartbeat(sender: Any) -> None:
+    """Says that the world is there; to be called once a second."""
+    sender.heartbeat_send(
+        *(mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE)
+    )
+
+
 class Handshake:
     """The exchange with one autopilot: heartbeat, message intervals, origin.
 
@@ -123,9 +130,7 @@ class Handshake:
         """Sends what is due; to be called once a second."""
         if self._began_s is None:
             self._began_s = now_s
-        self._sender.heartbeat_send(
-            *(mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE)
-        )
+        send_heartbeat(self._sender)
         if self.truth_hz(now_s) < ENOUGH * self._truth_hz:
             self._ask(now_s)
         if self.autopilot in self._origin_for and not self.origin_confirmed:

@@ -26,6 +26,8 @@ from sitl.launch.processes import (
     environment,
     free_tcp_port,
     free_udp_ports,
+    odometry_options,
+    with_odometry,
     write_settings,
 )
 from sitl.launch.program import Ports, Program, Running
@@ -155,7 +157,7 @@ class Flight:
 @contextlib.contextmanager
 def flying(folder: Path, stand: Stand, injection: Injection) -> Iterator[Flight]:
     """Take off and explore; all processes end with the block."""
-    gate_port, control_port, world_port, flyer_port = free_udp_ports(4)
+    gate_port, control_port, world_port, flyer_port, odometry_port = free_udp_ports(5)
     world_tcp, wanted = free_tcp_port(), stand.wanted()
     with contextlib.ExitStack() as stack:
         relay = stack.enter_context(UdpRelay(gate_port, port=wanted.application))
@@ -166,11 +168,13 @@ def flying(folder: Path, stand: Stand, injection: Injection) -> Iterator[Flight]
         truth = TrueWay()
         to_world.alter_down = lambda message: truth.hear(message, time.monotonic())
         config = folder / "vehicle.yaml"
-        gps = {"autopilot": {"gps": stand.gps}}
-        settings = write_config(config, gate_port, stream.url, merge(gps, dict(injection.settings)))
+        wanted = merge({"autopilot": {"gps": stand.gps}}, dict(injection.settings))
+        if not stand.gps:
+            wanted = with_odometry(wanted, odometry_port)
+        settings = write_config(config, gate_port, stream.url, wanted)
         ports = Ports(relay.port, witness.port, to_world.port)
         # Side by side: each of them takes seconds to load. What is started last ends first.
-        world = _serve(stack, folder, _world(folder, stand, config, truth_port, world_tcp, world_port))
+        world = _serve(stack, folder, _world(folder, stand, config, truth_port, world_tcp, world_port, odometry_port))
         autopilot = _serve(stack, folder, stand.program(folder, settings, ports, control_port))
         plan, gate = _gate(stack, folder, settings, flyer_port)
         standstill = stack.enter_context(Standstill({"the gate": gate.pid, "the autopilot": autopilot.process.pid}))
@@ -234,13 +238,20 @@ def write_config(config: Path, gate_port: int, stream_url: str, settings: Sectio
     return write_settings(config, "flight", every, settings)
 
 
-def _world(folder: Path, stand: Stand, config: Path, truth_port: int, stream_port: int, control_port: int) -> Program:
-    hz = "30" if stand.personality == "px4" else "50"
+def _world(
+    folder: Path,
+    stand: Stand,
+    config: Path,
+    truth_port: int,
+    stream_port: int,
+    control_port: int,
+    odometry_port: int,
+) -> Program:
     options = (
         *("--world", str(corridor(folder)), "--config", str(config), "--control", str(control_port)),
         *("--truth", f"udp://{LOOPBACK}:{truth_port}", "--stream", f"tcp://{LOOPBACK}:{stream_port}"),
         *("--score", str(folder / "truth.json"), "--trajectory", str(folder / "truth.csv")),
-        *([] if stand.gps else ["--no-gps", "--odometry", "odometry", "--odometry-hz", hz]),
+        *(() if stand.gps else odometry_options(stand.personality, odometry_port)),
         *stand.world_options,
     )
     return Program("world", (*command("sitl", "world"), *options), WORLD_SERVES)

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from companion.clock import MonotonicClock
 from companion.errors import InputError
-from sitl.world.connection import Connection, ConnectionCounts, Decoder, TruthUrl, frames
+from sitl.world.connection import Connection, ConnectionCounts, Decoder, PeerUrl, frames
 from sitl.world.handshake import ORIGIN_TRIES, Handshake, told_an_origin, wanted_ids
 from sitl.world.mavlink_out import LocalFrame
 from sitl.world.truth_messages import TruthKind, TruthReader
@@ -83,7 +83,7 @@ def test_garbage_is_survived() -> None:
     draw = random.Random(5)  # noqa: S311 - not a secret
     received: list[str] = []
     connection = Connection(
-        TruthUrl.parse("udp://127.0.0.1:14560"),
+        PeerUrl.of_truth("udp://127.0.0.1:14560"),
         1,
         WANTED,
         MonotonicClock(),
@@ -104,7 +104,7 @@ def test_garbage_is_survived() -> None:
 
 def test_without_anybody_there_sending_is_counted() -> None:
     """Nothing waits for an autopilot that may come in an hour."""
-    url = TruthUrl.parse("udp://127.0.0.1:14560")
+    url = PeerUrl.of_truth("udp://127.0.0.1:14560")
     connection = Connection(url, 1, WANTED, MonotonicClock(), lambda _, __: None)
     connection.mavlink.heartbeat_send(18, 8, 0, 0, 4)
     assert connection.counts.unsent == 1
@@ -121,7 +121,7 @@ def test_without_anybody_there_sending_is_counted() -> None:
 )
 def test_addresses(url: str, kind: str) -> None:
     """As other MAVLink programs write them."""
-    assert TruthUrl.parse(url).kind == kind
+    assert PeerUrl.of_truth(url).kind == kind
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,17 @@ def test_addresses(url: str, kind: str) -> None:
 def test_wrong_addresses(url: str) -> None:
     """Refused at once, not after the mine has been built."""
     with pytest.raises(InputError, match="--truth"):
-        TruthUrl.parse(url)
+        PeerUrl.of_truth(url)
+
+
+@pytest.mark.parametrize(
+    "url", ["", "14565", "udp://h:1", "udpin://h:1", "tcp://h:1", "udpout://h", "udpout://h:99999"]
+)
+def test_odometry_goes_to_one_address_only(url: str) -> None:
+    """It is sent, not waited for: who passes it on listens."""
+    assert str(PeerUrl.of_odometry("udpout://h:1")) == "udpout://h:1"
+    with pytest.raises(InputError, match="--odometry-to"):
+        PeerUrl.of_odometry(url)
 
 
 # What the world asks of the autopilot, and that it stops asking once it has it.
