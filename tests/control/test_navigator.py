@@ -446,8 +446,8 @@ def test_turning_on_the_spot_for_long_is_left_for_open_ground() -> None:
 def test_where_no_heading_lets_it_fly_it_leaves_at_once(speed_law: str) -> None:
     """Half d_c before a wall (12) allows no heading at all: waiting for turns it would only drift into the wall.
 
-    It stands, or backs away, until it has turned towards the open, and the wall that it leaves does not count as one that
-    comes first.
+    It stands, or backs away, until it has turned towards the open, and the wall that it leaves does not count as one
+    that comes first.
     """
     scene = Scene(box(0.35, -30.0, 40.0, 30.0))
     navigator = in_boundary(1, speed_law=speed_law)
