@@ -168,10 +168,10 @@ def flying(folder: Path, stand: Stand, injection: Injection) -> Iterator[Flight]
         truth = TrueWay()
         to_world.alter_down = lambda message: truth.hear(message, time.monotonic())
         config = folder / "vehicle.yaml"
-        wanted = merge({"autopilot": {"gps": stand.gps}}, dict(injection.settings))
+        sections = merge({"autopilot": {"gps": stand.gps}}, dict(injection.settings))
         if not stand.gps:
-            wanted = with_odometry(wanted, odometry_port)
-        settings = write_config(config, gate_port, stream.url, wanted)
+            sections = with_odometry(sections, odometry_port)
+        settings = write_config(config, gate_port, stream.url, sections)
         ports = Ports(relay.port, witness.port, to_world.port)
         # Side by side: each of them takes seconds to load. What is started last ends first.
         world = _serve(stack, folder, _world(folder, stand, config, truth_port, world_tcp, world_port, odometry_port))
