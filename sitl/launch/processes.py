@@ -123,7 +123,7 @@ class Crew:
             "mission": {"start": "now", "time_limit_s": plan.time_limit_s},
             "record": {"folder": str(plan.folder), "largest_mb": 500.0},
         }
-        wanted = plan.settings or {}
+        wanted: Sections = plan.settings or {}
         if not plan.gps:
             wanted = with_odometry(wanted, self._odometry_port)
         return write_settings(self.config, plan.preset, own, wanted)

@@ -26,7 +26,7 @@ from packaging.utils import parse_wheel_filename
 
 from companion.config.load import load_settings
 from companion.config.show import dump_yaml
-from sitl.world.connection import TruthUrl
+from sitl.world.connection import PeerUrl
 
 ROOT = Path(__file__).parents[2]
 DOCKER = ROOT / "docker"
@@ -172,7 +172,7 @@ class TestComposeFiles:
         assert found["world"]["healthcheck"]["test"] == ["CMD", "healthcheck", "tcp", str(stream.port)]
         assert f"{settings.record.folder}" in [v.partition(":")[2] for v in found["application"]["volumes"]]
         (truth,) = option(found["world"], "truth")
-        assert TruthUrl.parse(truth).kind == "udp", "the autopilot sends, the world listens"
+        assert PeerUrl.of_truth(truth).kind == "udp", "the autopilot sends, the world listens"
         assert "--start=now" in found["application"]["command"], "there is nobody to press a key"
 
     @pytest.mark.parametrize("personality", ["px4", "ardupilot"])

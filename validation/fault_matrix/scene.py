@@ -168,10 +168,9 @@ def flying(folder: Path, stand: Stand, injection: Injection) -> Iterator[Flight]
         truth = TrueWay()
         to_world.alter_down = lambda message: truth.hear(message, time.monotonic())
         config = folder / "vehicle.yaml"
-        wanted = merge({"autopilot": {"gps": stand.gps}}, dict(injection.settings))
-        if not stand.gps:
-            wanted = with_odometry(wanted, odometry_port)
-        settings = write_config(config, gate_port, stream.url, wanted)
+        own = merge({"autopilot": {"gps": stand.gps}}, injection.settings)
+        own = own if stand.gps else with_odometry(own, odometry_port)
+        settings = write_config(config, gate_port, stream.url, own)
         ports = Ports(relay.port, witness.port, to_world.port)
         # Side by side: each of them takes seconds to load. What is started last ends first.
         world = _serve(stack, folder, _world(folder, stand, config, truth_port, world_tcp, world_port, odometry_port))
@@ -238,15 +237,8 @@ def write_config(config: Path, gate_port: int, stream_url: str, settings: Sectio
     return write_settings(config, "flight", every, settings)
 
 
-def _world(
-    folder: Path,
-    stand: Stand,
-    config: Path,
-    truth_port: int,
-    stream_port: int,
-    control_port: int,
-    odometry_port: int,
-) -> Program:
+def _world(folder: Path, stand: Stand, config: Path, *ports: int) -> Program:
+    truth_port, stream_port, control_port, odometry_port = ports
     options = (
         *("--world", str(corridor(folder)), "--config", str(config), "--control", str(control_port)),
         *("--truth", f"udp://{LOOPBACK}:{truth_port}", "--stream", f"tcp://{LOOPBACK}:{stream_port}"),
