@@ -102,6 +102,11 @@ class Gate:
         """By the autopilot's newest word."""
         return self._vehicle.armed
 
+    @property
+    def carries_odometry(self) -> bool:
+        """Whether the autopilot flies by odometry that passes through the gate: without the gate it would have none."""
+        return self._vehicle.armed and math.isfinite(self._vehicle.odometry.fresh_s)
+
     def on_application_started(self) -> None:
         """A new process of the application."""
         self.goodbye = None

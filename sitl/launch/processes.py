@@ -73,7 +73,7 @@ class Crew:
         self.plan = plan
         self.config = plan.folder / "vehicle.yaml"
         """The settings file for the application."""
-        *free, self.control_port, self.world_port, self._odometry_port = free_udp_ports(6)
+        *free, self.control_port, self.world_port = free_udp_ports(5)
         self.ports = Ports(*free) if plan.real is None else plan.real.ports
         """Where the autopilot sends to."""
         self._stream_url = f"tcp://127.0.0.1:{free_tcp_port()}"
@@ -123,10 +123,7 @@ class Crew:
             "mission": {"start": "now", "time_limit_s": plan.time_limit_s},
             "record": {"folder": str(plan.folder), "largest_mb": 500.0},
         }
-        wanted = plan.settings or {}
-        if not plan.gps:
-            wanted = with_odometry(wanted, self._odometry_port)
-        return write_settings(self.config, plan.preset, own, wanted)
+        return write_settings(self.config, plan.preset, own, plan.settings or {})
 
     def _autopilot(self, settings: Settings) -> Program:
         plan, ports = self.plan, self.ports
@@ -150,7 +147,7 @@ class Crew:
             *("--truth", f"udp://127.0.0.1:{self.ports.world}", "--stream", self._stream_url),
             *("--control", str(self.world_port)),
             *("--score", str(self.score_file), "--trajectory", str(plan.folder / "truth.csv")),
-            *(() if plan.gps else odometry_options(plan.personality, self._odometry_port)),
+            *(() if plan.gps else odometry_options(plan.personality)),
             *plan.world_options,
         )
         return Program("world", (*command("sitl", "world"), *options), WORLD_SERVES)
@@ -172,10 +169,16 @@ def command(*words: str) -> list[str]:
     return [sys.executable, "-m", "companion", *words]
 
 
-def odometry_options(personality: str, port: int) -> tuple[str, ...]:
-    """For `companion sitl world`, when the autopilot has no GPS: odometry for it, to the gate at this UDP port."""
+def odometry_options(personality: str, port: int | None = None) -> tuple[str, ...]:
+    """For `companion sitl world`, when the autopilot has no GPS: odometry for it.
+
+    Args:
+        personality: px4 or ardupilot.
+        port: of the gate, through which it passes; None: to the autopilot itself.
+    """
     hz = "30" if personality == "px4" else "50"
-    return ("--no-gps", "--odometry", "odometry", "--odometry-hz", hz, "--odometry-to", f"udpout://127.0.0.1:{port}")
+    to = () if port is None else ("--odometry-to", f"udpout://127.0.0.1:{port}")
+    return ("--no-gps", "--odometry", "odometry", "--odometry-hz", hz, *to)
 
 
 def with_odometry(settings: Sections, port: int) -> dict[str, Any]:

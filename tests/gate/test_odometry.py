@@ -80,3 +80,16 @@ def test_the_autopilot_is_not_told_what_is_not_believed(name: str) -> None:
     assert air.gate.counts["attached: odometry that repeats itself or leaps"] == 2
     assert feed(air, name, x=1.5)
     assert feed(air, "VISION_SPEED_ESTIMATE")
+
+
+def test_the_gate_carries_odometry_while_anybody_flies_by_it() -> None:
+    """Protects the vehicle that its pilot has taken: when the application ends, the gate must not take its eyes away."""
+    air = in_the_air()
+    assert not air.gate.carries_odometry, "none passes here"
+    feed(air, "ODOMETRY", x=1.0)
+    air.mode = air.ours.hold
+    air.heartbeat()
+    assert air.gate.carries_odometry
+    air.armed = False
+    air.heartbeat()
+    assert not air.gate.carries_odometry

@@ -55,6 +55,7 @@ class Injection:
         trigger_m: how far from the wall it comes.
         watch_s: how long after the fault the flight is judged.
         settings: what is set besides, as nested mappings like those in a settings file.
+        guarded: the odometry of a flight without GPS passes through the gate.
         verify: what else must be true at the end; gives what is not, in words, or None.
         personalities: with which it is flown.
     """
@@ -73,5 +74,6 @@ class Injection:
     trigger_m: float = TRIGGER_M
     watch_s: float = 6.0
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    guarded: bool = False
     verify: Callable[[Flight], str | None] | None = None
     personalities: tuple[str, ...] = PERSONALITIES

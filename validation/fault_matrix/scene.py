@@ -168,13 +168,13 @@ def flying(folder: Path, stand: Stand, injection: Injection) -> Iterator[Flight]
         truth = TrueWay()
         to_world.alter_down = lambda message: truth.hear(message, time.monotonic())
         config = folder / "vehicle.yaml"
-        sections = merge({"autopilot": {"gps": stand.gps}}, dict(injection.settings))
-        if not stand.gps:
-            sections = with_odometry(sections, odometry_port)
-        settings = write_config(config, gate_port, stream.url, sections)
+        own = merge({"autopilot": {"gps": stand.gps}}, injection.settings)
+        guarded_port = odometry_port if injection.guarded else None
+        own = own if guarded_port is None else with_odometry(own, guarded_port)
+        settings = write_config(config, gate_port, stream.url, own)
         ports = Ports(relay.port, witness.port, to_world.port)
         # Side by side: each of them takes seconds to load. What is started last ends first.
-        world = _serve(stack, folder, _world(folder, stand, config, truth_port, world_tcp, world_port, odometry_port))
+        world = _serve(stack, folder, _world(folder, stand, config, guarded_port, truth_port, world_tcp, world_port))
         autopilot = _serve(stack, folder, stand.program(folder, settings, ports, control_port))
         plan, gate = _gate(stack, folder, settings, flyer_port)
         standstill = stack.enter_context(Standstill({"the gate": gate.pid, "the autopilot": autopilot.process.pid}))
@@ -238,15 +238,8 @@ def write_config(config: Path, gate_port: int, stream_url: str, settings: Sectio
     return write_settings(config, "flight", every, settings)
 
 
-def _world(
-    folder: Path,
-    stand: Stand,
-    config: Path,
-    truth_port: int,
-    stream_port: int,
-    control_port: int,
-    odometry_port: int,
-) -> Program:
+def _world(folder: Path, stand: Stand, config: Path, odometry_port: int | None, *ports: int) -> Program:
+    truth_port, stream_port, control_port = ports
     options = (
         *("--world", str(corridor(folder)), "--config", str(config), "--control", str(control_port)),
         *("--truth", f"udp://{LOOPBACK}:{truth_port}", "--stream", f"tcp://{LOOPBACK}:{stream_port}"),

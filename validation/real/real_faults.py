@@ -137,7 +137,7 @@ PROCESSES = (
         watch_s=15.0,
     ),
 )
-ODOMETRY = (
+_ODOMETRY = (
     _own("odometry lost", "odometry", "no estimate comes any more", _odometry("lost"), watch_s=12.0),
     _own("odometry frozen", "odometry", "the last estimate again and again", _odometry("frozen"), watch_s=10.0),
     _own(
@@ -155,6 +155,14 @@ ODOMETRY = (
         _odometry(f"jump {JUMP_M:g}"),
         STOPPED | {Final.FLEW_ON},
         watch_s=10.0,
+    ),
+)
+ODOMETRY = (
+    *_ODOMETRY,
+    *(
+        replace(fault, name=f"{fault.name}, through the gate", guarded=True)
+        for fault in _ODOMETRY
+        if fault.name != "odometry diverging"  # which nobody can tell from flying
     ),
 )
 GPS = (_own("GPS lost", "gps", "the antenna is covered", _gps_off, watch_s=12.0),)
