@@ -60,14 +60,19 @@ def _kill_application(flight: Flight) -> None:
 
 
 def _transmitter_on(flight: Flight) -> None:
+    """ArduCopter's simulator has one of its own, with the throttle down, without which it does not arm."""
+    if flight.personality == "px4":
+        station(flight).sticks = True
+        time.sleep(LOST_S)
+
+
+def _sticks_in_the_middle(flight: Flight) -> None:
     station(flight).sticks = True
-    time.sleep(LOST_S)
 
 
 def _transmitter_off(flight: Flight) -> None:
     station(flight).sticks = False
     if flight.personality == "ardupilot":
-        # Its simulator has a transmitter of its own behind the one of the ground station.
         station(flight).set_parameters({"SIM_RC_FAIL": 1})
 
 
@@ -209,6 +214,7 @@ PEOPLE = (
         _mode("position"),
         PILOT,
         before=_transmitter_on,
+        exploring=_sticks_in_the_middle,
         verify=hands_off,
         personalities=("px4",),
     ),
@@ -219,6 +225,7 @@ PEOPLE = (
         _mode("loiter"),
         PILOT,
         before=_transmitter_on,
+        exploring=_sticks_in_the_middle,
         verify=hands_off,
         personalities=("ardupilot",),
     ),
@@ -229,6 +236,7 @@ PEOPLE = (
         _mode("altitude"),
         ANY,
         before=_transmitter_on,
+        exploring=_sticks_in_the_middle,
         verify=hands_off,
         trigger_m=PILOTS_TRIGGER_M,
     ),
