@@ -166,12 +166,23 @@ GPS = (_own("GPS lost", "gps", "the antenna is covered", _gps_off, watch_s=12.0)
 LINK = tuple(map(_of_the_matrix, ("link cut", "link cut for 3 s", "autopilot not heard", "autopilot hears nothing")))
 PEOPLE_FAR = (
     _own(
+        "transmitter lost",
+        "transmitter and ground station",
+        "the transmitter is gone in flight: ArduCopter lands, as it was told to; PX4 flies on, as it was told to",
+        _transmitter_off,
+        STOPPED | {Final.FLEW_ON},
+        before=_transmitter_on,
+        watch_s=12.0,
+    ),
+    # ArduCopter does not arm without a transmitter, and lands at once when it loses one.
+    _own(
         "transmitter lost before, then SIGKILL application",
         "transmitter and ground station",
         "a transmitter was there and is lost before the take-off; then the application is killed",
         _kill_application,
         before=_transmitter_on_and_off,
         watch_s=12.0,
+        personalities=("px4",),
     ),
     _own(
         "transmitter lost in flight, then SIGKILL application",
@@ -181,6 +192,7 @@ PEOPLE_FAR = (
         before=_transmitter_on,
         exploring=_transmitter_off,
         watch_s=12.0,
+        personalities=("px4",),
     ),
     _own(
         "ground station lost, then SIGKILL application",
