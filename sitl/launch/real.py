@@ -26,6 +26,7 @@ PX4_PORTS = Ports(application=14540, ground=14550, world=19410)
 ARDUPILOT_PORTS = Ports(application=14540, ground=14550, world=14560)
 
 ARDUPILOT_DEFAULTS = Path(__file__).parents[2] / "docker" / "ardupilot.parm"
+ARDUPILOT_PARAMETERS = "flight.parm"
 HOME = "47.397742,8.545594,488.0,0.0"
 """Where ArduCopter's simulator boots, looking north, as PX4's does."""
 
@@ -87,17 +88,20 @@ class RealAutopilot:
         )
 
     def _arducopter(self, own: Path, parameters: Mapping[str, float], ports: Ports) -> Program:
-        chosen = own / "flight.parm"
-        chosen.write_text("".join(f"{name} {value:.9g}\n" for name, value in parameters.items()), encoding="ascii")
+        chosen = "".join(f"{name} {value:.9g}\n" for name, value in parameters.items())
+        # One file, named from where it runs: ArduCopter cuts a list at every comma, also at those of a path.
+        text = ARDUPILOT_DEFAULTS.read_text(encoding="ascii") + chosen
+        (own / ARDUPILOT_PARAMETERS).write_text(text, encoding="ascii")
         to = (ports.ground, ports.application, ports.world)
         return Program(
             "autopilot",
             (
                 *(str(self.binary), "--model", "quad", "--speedup", "1", "--wipe", "--home", HOME),
-                *("--defaults", f"{ARDUPILOT_DEFAULTS},{chosen}"),
+                *("--defaults", ARDUPILOT_PARAMETERS),
                 *(part for i, port in enumerate(to) for part in (f"--serial{i}", f"udpclient:127.0.0.1:{port}")),
             ),
-            serves="UDP connection",
+            # The last that it opens, after its parameters.
+            serves=f"UDP connection 127.0.0.1:{ports.world}",
             folder=own,
         )
 

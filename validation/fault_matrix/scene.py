@@ -187,6 +187,7 @@ def flying(folder: Path, stand: Stand, injection: Injection) -> Iterator[Flight]
         for one in (autopilot, world):
             one.wait(START_S)
         flight.wait("ready", lambda: "flyer: loaded" in flight.said(), START_S)
+        flight.wait("a heartbeat of the autopilot", lambda: bool(flight.witness.beats), START_S)
         if injection.before is not None:
             injection.before(flight)
         flight.tell_flyer("go")

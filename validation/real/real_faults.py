@@ -60,14 +60,19 @@ def _kill_application(flight: Flight) -> None:
 
 
 def _transmitter_on(flight: Flight) -> None:
+    """ArduCopter's simulator has one of its own, with the throttle down, without which it does not arm."""
+    if flight.personality == "px4":
+        station(flight).sticks = True
+        time.sleep(LOST_S)
+
+
+def _sticks_in_the_middle(flight: Flight) -> None:
     station(flight).sticks = True
-    time.sleep(LOST_S)
 
 
 def _transmitter_off(flight: Flight) -> None:
     station(flight).sticks = False
     if flight.personality == "ardupilot":
-        # Its simulator has a transmitter of its own behind the one of the ground station.
         station(flight).set_parameters({"SIM_RC_FAIL": 1})
 
 
@@ -169,12 +174,23 @@ GPS = (_own("GPS lost", "gps", "the antenna is covered", _gps_off, watch_s=12.0)
 LINK = tuple(map(_of_the_matrix, ("link cut", "link cut for 3 s", "autopilot not heard", "autopilot hears nothing")))
 PEOPLE_FAR = (
     _own(
+        "transmitter lost",
+        "transmitter and ground station",
+        "the transmitter is gone in flight: ArduCopter lands, as it was told to; PX4 flies on, as it was told to",
+        _transmitter_off,
+        STOPPED | {Final.FLEW_ON},
+        before=_transmitter_on,
+        watch_s=12.0,
+    ),
+    # ArduCopter does not arm without a transmitter, and lands at once when it loses one.
+    _own(
         "transmitter lost before, then SIGKILL application",
         "transmitter and ground station",
         "a transmitter was there and is lost before the take-off; then the application is killed",
         _kill_application,
         before=_transmitter_on_and_off,
         watch_s=12.0,
+        personalities=("px4",),
     ),
     _own(
         "transmitter lost in flight, then SIGKILL application",
@@ -184,6 +200,7 @@ PEOPLE_FAR = (
         before=_transmitter_on,
         exploring=_transmitter_off,
         watch_s=12.0,
+        personalities=("px4",),
     ),
     _own(
         "ground station lost, then SIGKILL application",
@@ -217,6 +234,7 @@ PEOPLE = (
         _mode("position"),
         PILOT,
         before=_transmitter_on,
+        exploring=_sticks_in_the_middle,
         verify=hands_off,
         personalities=("px4",),
     ),
@@ -227,6 +245,7 @@ PEOPLE = (
         _mode("loiter"),
         PILOT,
         before=_transmitter_on,
+        exploring=_sticks_in_the_middle,
         verify=hands_off,
         personalities=("ardupilot",),
     ),
@@ -237,6 +256,7 @@ PEOPLE = (
         _mode("altitude"),
         ANY,
         before=_transmitter_on,
+        exploring=_sticks_in_the_middle,
         verify=hands_off,
         trigger_m=PILOTS_TRIGGER_M,
     ),
