@@ -22,6 +22,10 @@ STAND_PATIENCE_S = 2.0
 LAND_MPS = 0.3
 """Downward, where the gate lands by setpoints: slow enough to touch down with."""
 
+BACK_PER_S, BACK_MPS = 2.0, 0.25
+"""How fast it backs away from a wall that has come too near, by the distance that is missing, and at most; an odometry
+that drifts by 0.2 m/s leaves it a tenth of a metre nearer."""
+
 PLACELESS = frozenset(
     {
         Fault.POSE_JUMP, Fault.POSE_FROZEN, Fault.ESTIMATOR, Fault.AIDING_LOST, Fault.GPS_LOST, Fault.ODOMETRY_SILENT,
@@ -107,9 +111,22 @@ class FailsafeActions:
             return []
         self._stop_s = now_s
         forward_mps, right_mps, kept_mps = self._back_to_the_place(now_s)
+        if (back_mps := self._away_from_the_wall(now_s)) > 0.0:
+            # By its own position it may stand, and the wall comes nearer all the same: what is seen is true.
+            self._station.release()
+            forward_mps, right_mps = -back_mps, 0.0
         self._monitor.obedience.on_setpoint(forward_mps, right_mps, now_s)
         down_mps = kept_mps if down_mps is None else down_mps
         return [self._outgoing.velocity(forward_mps, right_mps, down_mps, now_s)]
+
+    def _away_from_the_wall(self, now_s: float) -> float:
+        """How fast to go backward: a wall that is seen ahead is nearer than the hard limit and what is crept."""
+        beat, limit = self._monitor.beat, self._plan.thresholds
+        since_s = self._monitor.beat_age_s(now_s)
+        if beat is None or since_s > limit.beat_s or beat.depth_age_s + since_s > limit.depth_s:
+            return 0.0
+        missing_m = limit.hard_limit_m + self._plan.stopping.creep_m - beat.ahead_m
+        return min(BACK_MPS, BACK_PER_S * missing_m) if missing_m > 0.0 else 0.0
 
     def _back_to_the_place(self, now_s: float) -> tuple[float, float, float]:
         """Forward, right, down: what keeps it where it came to stand; zero where nobody knows where that is."""

@@ -177,7 +177,7 @@ class Gate:
         if fields is None:
             return True
         if feeds and name in allowlist.PLACES:
-            self._vehicle.odometry.on_place(fields, now_s)
+            self._vehicle.odometry.on_place(str(name), fields, now_s)
         if feeds and name in allowlist.TRACKED and self.airborne and not self._vehicle.odometry.believed:
             # An autopilot that is told nothing brakes and lands; one that is told this runs away.
             self.counts["attached: odometry that repeats itself or leaps"] += 1

@@ -33,7 +33,7 @@ class Odometry:
     def reset(self) -> None:
         """A new flight: what never came in it cannot be missed."""
         self.fresh_s = -math.inf
-        self._place_m: Place | None = None
+        self._places_m: dict[str, Place] = {}
         self._frame = 0
         self._came_s = -math.inf
         self._repeats = self._leapt = False
@@ -43,20 +43,20 @@ class Odometry:
         """Whether the newest can be: it says something new, and leads from where the one before it was."""
         return not (self._repeats or self._leapt)
 
-    def on_place(self, fields: Mapping[str, Any], now_s: float) -> None:
-        """One of them came; one that is no number is as one that did not."""
+    def on_place(self, name: str, fields: Mapping[str, Any], now_s: float) -> None:
+        """One of them came; one that is no number is as one that did not. A tracker may say the same in each way."""
         x_m, y_m, z_m = fields["x"], fields["y"], fields["z"]
         place_m: Place = (x_m, y_m, z_m)
         frame: int = fields["reset_counter"]
         if not all(map(math.isfinite, place_m)):
             self._repeats = True
             return
-        before_m = self._place_m
+        before_m = self._places_m.get(name)
         if before_m is not None:
             self._repeats = place_m == before_m
             far_m = self._jump_m + FASTEST_MPS * (now_s - self._came_s)
             # A leap is not over with the next one: the tracker is lost until it says so itself.
             self._leapt = frame == self._frame and (self._leapt or math.dist(place_m, before_m) > far_m)
-        self._place_m, self._frame, self._came_s = place_m, frame, now_s
+        self._places_m[name], self._frame, self._came_s = place_m, frame, now_s
         if self.believed:
             self.fresh_s = now_s

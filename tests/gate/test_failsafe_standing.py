@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from companion.gate.failsafe_actions import HOLD_PATIENCE_S, LAND_MPS, PLACELESS, STAND_PATIENCE_S, UNSTOPPABLE
+from companion.gate.failsafe_actions import (
+    BACK_MPS,
+    HOLD_PATIENCE_S,
+    LAND_MPS,
+    PLACELESS,
+    STAND_PATIENCE_S,
+    UNSTOPPABLE,
+)
 from companion.gate.faults import Fault, Stage
 from companion.gate.vehicle import NOWHERE_S
 from companion.mavlink.firmware import AutopilotKind
 from companion.station_keeping import STANDS_MPS
-from tests.gate.built import KINDS
+from tests.gate.built import BEAT, KINDS
 from tests.gate.failsafe_scene import PLAN, Scene
 
 BOTH = pytest.mark.parametrize("kind", KINDS)
@@ -249,3 +258,29 @@ def test_who_knows_where_it_is_lands_by_its_own_mode() -> None:
     without.escalation.force(Stage.LAND)
     without.at(AT_S)
     assert without.due(AT_S) == ["stop", without.ours.land]
+
+
+# It backs away.
+
+
+@pytest.mark.parametrize(
+    ("ahead_m", "back_mps"), [(math.inf, 0.0), (math.nan, 0.0), (0.75, 0.0), (0.4375, 0.125), (0.25, BACK_MPS)]
+)
+def test_it_backs_away_from_a_wall_that_comes_nearer_while_it_stands(ahead_m: float, back_mps: float) -> None:
+    """Protects from odometry that drifts: who keeps a place by it drifts along, into the wall that the camera sees."""
+    scene = Scene()
+    scene.escalation.force(Stage.BRAKE)
+    scene.at(AT_S)
+    scene.monitor.on_beat(replace(BEAT, t_s=AT_S, ahead_m=ahead_m), AT_S)
+    assert PLAN.thresholds.hard_limit_m + PLAN.stopping.creep_m == 0.5
+    assert scene.due(AT_S) == ["stop" if back_mps == 0.0 else (-back_mps, 0.0, 0.0)]
+
+
+@pytest.mark.parametrize(("late_s", "depth_age_s"), [(0.125, 0.1), (0.0625, 0.5625)])
+def test_by_what_is_no_longer_seen_it_does_not_move(late_s: float, depth_age_s: float) -> None:
+    """Protects from backing through a mine by an old look: the application hangs, or its camera does."""
+    scene = Scene()
+    scene.escalation.force(Stage.BRAKE)
+    scene.monitor.on_beat(replace(BEAT, t_s=AT_S, ahead_m=0.25, depth_age_s=depth_age_s), AT_S)
+    scene.at(AT_S + late_s)
+    assert scene.due(AT_S + late_s) == ["stop"]

@@ -52,7 +52,7 @@ def test_odometry_that_stops() -> None:
     """Protects where it passes through the gate: its silence is heard before the autopilot feels it."""
     monitor = watching()
     assert only(monitor, Fault.ODOMETRY_SILENT, NOW_S + 9.0) is None, "where none passes nobody misses it"
-    monitor._vehicle.odometry.on_place({"x": 0.0, "y": 0.0, "z": 0.0, "reset_counter": 0}, NOW_S)
+    monitor._vehicle.odometry.on_place("ODOMETRY", {"x": 0.0, "y": 0.0, "z": 0.0, "reset_counter": 0}, NOW_S)
     assert only(monitor, Fault.ODOMETRY_SILENT, NOW_S + LIMIT.odometry_s) is None
     assert only(monitor, Fault.ODOMETRY_SILENT, NOW_S + LIMIT.odometry_s + JUST_S) == "0.25 s"
 

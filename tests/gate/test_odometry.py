@@ -22,45 +22,45 @@ def test_what_repeats_itself_is_none(name: str) -> None:
     """Protects from a tracker that hangs and goes on sending: both autopilots ran away by it."""
     odometry = Odometry(JUMP_M)
     assert odometry.fresh_s == -math.inf
-    odometry.on_place(place(), 64.0)
-    odometry.on_place(place(), 65.0)
+    odometry.on_place("ODOMETRY", place(), 64.0)
+    odometry.on_place("ODOMETRY", place(), 65.0)
     assert (odometry.believed, odometry.fresh_s) == (False, 64.0)
-    odometry.on_place(place() | {name: 1e-9}, 66.0)
+    odometry.on_place("ODOMETRY", place() | {name: 1e-9}, 66.0)
     assert (odometry.believed, odometry.fresh_s) == (True, 66.0)
     for value in (math.nan, math.inf):
-        odometry.on_place(place() | {name: value}, 67.0)
+        odometry.on_place("ODOMETRY", place() | {name: value}, 67.0)
         assert (odometry.believed, odometry.fresh_s) == (False, 66.0), "nor is one that says no number"
 
 
 def test_a_leap_that_nobody_announced_is_believed_no_more() -> None:
     """Protects from a tracker that has lost itself: PX4 flew a metre after it."""
     odometry = Odometry(JUMP_M)
-    odometry.on_place(place(), 64.0)
-    odometry.on_place(place(JUMP_M + 0.25 * FASTEST_MPS), 64.25)
+    odometry.on_place("ODOMETRY", place(), 64.0)
+    odometry.on_place("ODOMETRY", place(JUMP_M + 0.25 * FASTEST_MPS), 64.25)
     assert odometry.believed, "a fast flight over a gap is none"
-    odometry.on_place(place(5.0), 64.5)
-    odometry.on_place(place(5.001), 64.53125)
+    odometry.on_place("ODOMETRY", place(5.0), 64.5)
+    odometry.on_place("ODOMETRY", place(5.001), 64.53125)
     assert (odometry.believed, odometry.fresh_s) == (False, 64.25), "the next one is near, and as lost"
-    odometry.on_place(place(5.002, frame_number=1), 64.5625)
+    odometry.on_place("ODOMETRY", place(5.002, frame_number=1), 64.5625)
     assert odometry.believed, "it says that it begins anew"
 
 
 def test_a_leap_that_is_announced_is_the_autopilots_business() -> None:
     """Protects a tracker that corrects itself as MAVLink has it: the autopilot moves its estimate along."""
     odometry = Odometry(JUMP_M)
-    odometry.on_place(place(), 64.0)
-    odometry.on_place(place(9.0, frame_number=1), 64.0625)
+    odometry.on_place("ODOMETRY", place(), 64.0)
+    odometry.on_place("ODOMETRY", place(9.0, frame_number=1), 64.0625)
     assert odometry.believed
 
 
 def test_a_new_flight_misses_nothing_that_never_came_in_it() -> None:
     """Protects a flight without odometry through the gate from the one before, which had it."""
     odometry = Odometry(JUMP_M)
-    odometry.on_place(place(), 64.0)
-    odometry.on_place(place(9.0), 64.0625)
+    odometry.on_place("ODOMETRY", place(), 64.0)
+    odometry.on_place("ODOMETRY", place(9.0), 64.0625)
     odometry.reset()
     assert (odometry.believed, odometry.fresh_s) == (True, -math.inf)
-    odometry.on_place(place(), 66.0)
+    odometry.on_place("ODOMETRY", place(), 66.0)
     assert odometry.fresh_s == 66.0, "the same place is news again"
 
 
