@@ -9,6 +9,7 @@ from companion.gate.fault_monitor import FaultMonitor
 from companion.gate.faults import Fault, Stage
 from companion.gate.outgoing import Outgoing
 from companion.gate.plan import Plan
+from companion.gate.protocol import Phase
 from companion.gate.vehicle import Vehicle
 from companion.mavlink.ids import MavCmd, MavComponent
 from companion.station_keeping import STANDS_MPS, StationKeeper
@@ -123,7 +124,10 @@ class FailsafeActions:
         """How fast to go backward: a wall that is seen ahead is nearer than the hard limit and what is crept."""
         beat, limit = self._monitor.beat, self._plan.thresholds
         since_s = self._monitor.beat_age_s(now_s)
-        if beat is None or since_s > limit.beat_s or beat.depth_age_s + since_s > limit.depth_s:
+        # Near the ground, before and after, what is seen ahead is the ground.
+        if beat is None or beat.phase is not Phase.EXPLORING:
+            return 0.0
+        if since_s > limit.beat_s or beat.depth_age_s + since_s > limit.depth_s:
             return 0.0
         missing_m = limit.hard_limit_m + self._plan.stopping.creep_m - beat.ahead_m
         return min(BACK_MPS, BACK_PER_S * missing_m) if missing_m > 0.0 else 0.0

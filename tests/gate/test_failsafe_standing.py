@@ -17,6 +17,7 @@ from companion.gate.failsafe_actions import (
     UNSTOPPABLE,
 )
 from companion.gate.faults import Fault, Stage
+from companion.gate.protocol import Phase
 from companion.gate.vehicle import NOWHERE_S
 from companion.mavlink.firmware import AutopilotKind
 from companion.station_keeping import STANDS_MPS
@@ -284,3 +285,13 @@ def test_by_what_is_no_longer_seen_it_does_not_move(late_s: float, depth_age_s: 
     scene.monitor.on_beat(replace(BEAT, t_s=AT_S, ahead_m=0.25, depth_age_s=depth_age_s), AT_S)
     scene.at(AT_S + late_s)
     assert scene.due(AT_S + late_s) == ["stop"]
+
+
+@pytest.mark.parametrize("phase", [Phase.CLIMBING, Phase.ENDING])
+def test_near_the_ground_it_does_not_back_away_from_it(phase: Phase) -> None:
+    """Protects the take-off: the camera looks at the floor, and a stop of a moment sent the vehicle backward."""
+    scene = Scene()
+    scene.escalation.force(Stage.BRAKE)
+    scene.monitor.on_beat(replace(BEAT, t_s=AT_S, ahead_m=0.25, phase=phase), AT_S)
+    scene.at(AT_S)
+    assert scene.due(AT_S) == ["stop"]
