@@ -178,7 +178,7 @@ async def test_odometry_that_has_an_address_of_its_own_goes_there_alone(scene: S
         # The gate comes later than the world, which goes on.
         transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(lambda: gate, local_addr=there)
         await until(lambda: {"ODOMETRY", "HEARTBEAT"} <= gate.names())
-        wanted = {"HEARTBEAT", "COMMAND_LONG", "DISTANCE_SENSOR", "SET_GPS_GLOBAL_ORIGIN"}
+        wanted = {"HEARTBEAT", "DISTANCE_SENSOR", "SET_GPS_GLOBAL_ORIGIN"}
         await until(lambda: wanted <= stage.autopilot.names())
         stage.world.stop("done")
     transport.close()
