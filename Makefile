@@ -1,6 +1,6 @@
 # Every target prepares what it needs, on a machine where nothing but Python 3.11 or newer is installed.
 .DEFAULT_GOAL := help
-.PHONY: help setup explore fly test test-flights test-safety mutants check-docker format
+.PHONY: help setup explore fly test test-flights test-safety test-real mutants check-docker format
 
 # A shell prepared for ROS or conda would bring its own packages along.
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
@@ -27,6 +27,9 @@ test-flights: setup ## more whole flights over MAVLink, and other tests that `ma
 
 test-safety: setup ## the fault matrix: each fault in a flight towards a wall; options: ARGS="--help"
 	@.venv/bin/python -m validation.fault_matrix $(ARGS)
+
+test-real: setup ## on the real PX4 and ArduCopter, where PX4_BINARY, ARDUCOPTER_BINARY name them, in a network of their own
+	@scripts/own-network .venv/bin/pytest -p no:xdist -m real tests/real $(ARGS)
 
 mutants: ## change the gate in small ways, and print the changes that no test notices: tens of minutes; ARGS="--quick gate.gate"
 	@scripts/mutants $(ARGS)

@@ -70,9 +70,12 @@ def pose_from_ned(ned: NedPose) -> Pose:
 
 
 def setpoint_to_frd(setpoint: Setpoint) -> BodyVelocity:
-    """A setpoint as MAVLink's body velocity: climbing is a negative vz, turning left a negative yaw rate."""
+    """A setpoint as MAVLink's body velocity: climbing is a negative vz, to the left a negative vy and yaw rate."""
     return BodyVelocity(
-        vx_mps=setpoint.speed_mps, vy_mps=0.0, vz_mps=-setpoint.climb_mps, yaw_rate_radps=-setpoint.yaw_rate_radps
+        vx_mps=setpoint.speed_mps,
+        vy_mps=-setpoint.lateral_mps,
+        vz_mps=-setpoint.climb_mps,
+        yaw_rate_radps=-setpoint.yaw_rate_radps,
     )
 
 

@@ -242,12 +242,16 @@ class Measurement:
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """What the vehicle is asked to do, in the body frame: forward speed, climb, turn (counter-clockwise)."""
+    """What the vehicle is asked to do, in the body frame: forward, up, turning counter-clockwise, and to the left.
+
+    The laws steer by speed and turn alone; to the left, and backward, goes only what is to stand and has crept away.
+    """
 
     t_s: float
     speed_mps: float
     climb_mps: float
     yaw_rate_radps: float
+    lateral_mps: float = 0.0
 
 
 def wrap_rad(angle_rad: float) -> float:

@@ -116,7 +116,7 @@ def flight(which: str, number: int, arguments: Namespace, folder: Path) -> Row:
     )
     crew = Crew(plan)
     with Wire(gate_port) as wire:
-        crew.to_application = wire.port
+        crew.ports = dataclasses.replace(crew.ports, application=wire.port)
         # In this order: the application must not inherit the precedence of the hardware.
         with crew, _application(crew, which, folder) as gate, _before_all_others():
             _wait_for(folder / "gate.log", gate, "\nexploring")

@@ -8,9 +8,12 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from companion.autopilot.interface import LinkError, Message
-from companion.mavlink.ids import MavComponent, MavResult
+from companion.mavlink.ids import MavCmd, MavComponent, MavResult
 
 RESEND_S = 0.5
+LAST_WORD_S = 0.1
+"""PX4 acknowledges a change of mode twice: its receiver at once, 4 to 12 ms later the commander, whose word it is."""
+TWICE_ANSWERED = frozenset({MavCmd.DO_SET_MODE})
 LONGEST_S = 60.0
 """A command that stays in progress for longer than this is given up."""
 ANSWERING = (MavComponent.AUTOPILOT1, MavComponent.ONBOARD_COMPUTER2)
@@ -79,7 +82,7 @@ class Commands:
             except TimeoutError:
                 continue
             if result != MavResult.IN_PROGRESS:
-                return result
+                return await _last_of(answers, result) if command in TWICE_ANSWERED else result
             heard = True
             deadline_s = min(loop.time() + timeout_s, begun_s + LONGEST_S)
         said = "it said 'in progress' and nothing more" if heard else f"asked {confirmation} times"
@@ -87,6 +90,17 @@ class Commands:
             f"the autopilot (system {self._system_id}) did not answer command {command} within {timeout_s:g} s "
             f"({said}); look at the link: is it still sending heartbeats?"
         )
+
+
+async def _last_of(answers: asyncio.Queue[int], result: int) -> int:
+    """The last answer: an acceptance may be followed by the refusal of whoever has to carry it out."""
+    try:
+        async with asyncio.timeout(LAST_WORD_S):
+            while result == MavResult.ACCEPTED:
+                result = await answers.get()
+    except TimeoutError:
+        pass
+    return result
 
 
 def command_long(system_id: int, command: int, params: Iterable[float]) -> dict[str, Any]:

@@ -96,6 +96,11 @@ class Link(Protocol):
         ...
 
     @property
+    def arming_problems(self) -> tuple[str, ...]:
+        """What the autopilot's own checks have against arming now, in its words; empty also where it does not tell."""
+        ...
+
+    @property
     def system_id(self) -> int:
         """Of the vehicle, and so of this application too."""
         ...

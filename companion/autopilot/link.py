@@ -8,8 +8,8 @@ messages then wait in MAVSDK and are stamped late. That is why poses are stamped
 MAVSDK opens no socket: those that it opens are bound to every address of the computer, and it believes every sender.
 Its connection is ``raw://``, which hands its bytes to a `Transport` of ours and takes ours.
 
-MAVSDK sends a heartbeat of its own (onboard computer, state UNINIT) as soon as it has seen a vehicle. The one with our
-true state is sent beside it by the status reporter.
+MAVSDK sends a heartbeat of its own (onboard computer, state UNINIT) as soon as it has seen a vehicle. It is not passed
+on: ground stations would see this component change its state twice a second. The true one is the status reporter's.
 """
 
 from __future__ import annotations
@@ -37,10 +37,12 @@ from companion.autopilot.discovery import Neighbours, kind_of
 from companion.autopilot.inbox import Inbox
 from companion.autopilot.interface import Handler, LinkError, Message, Stream, Transport
 from companion.autopilot.parameters import Parameters
+from companion.autopilot.px4_events import Px4Events
 from companion.clock import Clock
 from companion.config.autopilot import AutopilotSettings
+from companion.mavlink.codec import NAMES, Framer, decode
 from companion.mavlink.firmware import AutopilotKind
-from companion.mavlink.ids import MavComponent
+from companion.mavlink.ids import MavComponent, MavState
 from companion.text_table import printable
 
 POLL_S = 0.05
@@ -99,6 +101,7 @@ class MavsdkLink:
         self._mavsdk: Mavsdk | None = None
         self._direct: MavlinkDirectServer | None = None
         self._parameters: Parameters | None = None
+        self._px4_events: Px4Events | None = None
         self.malformed = 0
 
     async def __aenter__(self) -> MavsdkLink:
@@ -130,6 +133,11 @@ class MavsdkLink:
     def system_id(self) -> int:
         """Of the vehicle, and so of this application too."""
         return self._settings.system_id
+
+    @property
+    def arming_problems(self) -> tuple[str, ...]:
+        """See `Link.arming_problems`."""
+        return () if self._px4_events is None else self._px4_events.problems
 
     @property
     def dropped(self) -> int:
@@ -191,7 +199,7 @@ class MavsdkLink:
             configuration.destroy()
         # The server plugin hears every system and needs none to be discovered before it can send.
         self._direct = MavlinkDirectServer(self._mavsdk.server_component_by_id(MavComponent.ONBOARD_COMPUTER))
-        self._mavsdk.subscribe_raw_bytes_to_be_sent(self._transport.send)
+        self._mavsdk.subscribe_raw_bytes_to_be_sent(self._pass_on)
         opened = self._mavsdk.add_any_connection("raw://")
         if opened is not ConnectionResult.SUCCESS:
             raise LinkError(f"MAVSDK opens no raw connection: {opened.name.lower()}")
@@ -211,18 +219,22 @@ class MavsdkLink:
         if heartbeats.newest is None:
             return False
         kind = kind_of(heartbeats.newest)
-        if kind is None or not await self._in_thread(lambda: self._find_parameters(heartbeats)):
+        if kind is None or not await self._in_thread(lambda: self._find_plugins(heartbeats, kind)):
             return False
         self._kind = kind
+        if self._px4_events is not None:
+            self._subscribe("EVENT")
         return True
 
-    def _find_parameters(self, heartbeats: Stream) -> bool:
-        """MAVSDK's parameter client needs the system as MAVSDK has discovered it, a moment after its heartbeat."""
+    def _find_plugins(self, heartbeats: Stream, kind: AutopilotKind) -> bool:
+        """MAVSDK's plugins need the system as MAVSDK has discovered it, a moment after its heartbeat."""
         if self._mavsdk is None:
             return False
         for system in self._mavsdk.get_systems():
             if system.get_system_id() == self._settings.system_id and system.has_autopilot():
                 self._parameters = Parameters(Param(system), self._in_thread, heartbeats)
+                if kind is AutopilotKind.PX4:
+                    self._px4_events = Px4Events(system, self._inbox.put, self._clock)
                 return True
         return False
 
@@ -243,7 +255,14 @@ class MavsdkLink:
         except (ValueError, AttributeError, RecursionError):
             self.malformed += 1
             return
+        if raw.message_name == "EVENT" and self._px4_events is not None:
+            self._px4_events.on_raw(fields)
         self._inbox.put(Message(raw.message_name, fields, received_s, raw.system_id, raw.component_id))
+
+    def _pass_on(self, raw: bytes) -> None:
+        """Called in MAVSDK's threads with what it wants to send."""
+        if not _is_mavsdks_own_heartbeat(raw):
+            self._transport.send(raw)
 
     def _call_soon(self, call: Callable[[], None]) -> None:
         # When the loop has been closed under us, nobody is left to tell.
@@ -266,8 +285,18 @@ class MavsdkLink:
         mavsdk_instance, self._mavsdk = self._mavsdk, None
         self._direct = None
         self._parameters = None
+        self._px4_events = None
         if mavsdk_instance is not None:
             mavsdk_instance.destroy()
+
+
+def _is_mavsdks_own_heartbeat(raw: bytes) -> bool:
+    """A HEARTBEAT whose ``system_status`` is UNINIT, which ours never says; MAVSDK speaks MAVLink 2."""
+    (frame, *_) = (*Framer(datagram=True).frames(raw), None)
+    if frame is None or NAMES.get(frame.message_id) != "HEARTBEAT":
+        return False
+    fields = decode(frame)
+    return fields is not None and fields["system_status"] == MavState.UNINIT
 
 
 def _to_wire(value: Any) -> Any:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Collection, Mapping
 
 from companion.autopilot.commands import command_long
 from companion.autopilot.interface import Link
@@ -19,20 +20,36 @@ ENOUGH = 0.5
 _IDS = {
     "SYS_STATUS": 1,
     "ATTITUDE": 30,
+    "GPS_RAW_INT": 24,
     "LOCAL_POSITION_NED": 32,
+    "GLOBAL_POSITION_INT": 33,
     "BATTERY_STATUS": 147,
     "EKF_STATUS_REPORT": 193,
     "ESTIMATOR_STATUS": 230,
     "EXTENDED_SYS_STATE": 245,
 }
 
-ESTIMATOR_HZ = 5.0
-"""Often enough to stop before a lost velocity estimate has carried the vehicle far: 0.1 m at 0.5 m/s."""
+POLLED = {"GPS_GLOBAL_ORIGIN": 49}
+"""PX4 sends it when it changes and when it is asked for, whatever interval is set."""
+POLL_S = 1.0
+
+GPS_HZ = 10.0
+"""Each fix is sent once, so as often as the receiver has them: the gate notices when none comes."""
+GLOBAL_POSITION_HZ = 2.0
+ESTIMATOR_HZ = 10.0
+"""Often enough to stop before a lost estimate has carried the vehicle far: 0.05 m at 0.5 m/s."""
 
 
 def wanted_hz(kind: AutopilotKind, settings: AutopilotSettings) -> dict[str, float]:
-    """Message name -> rate for everything that telemetry reads."""
-    return {
+    """Message name -> rate for everything that is read of the autopilot, here and in the gate.
+
+    Without GPS PX4 is asked for its global position: where an origin is set and no position comes, it lands elsewhere.
+    """
+    if settings.gps:
+        place = {"GPS_RAW_INT": GPS_HZ}
+    else:
+        place = {"GLOBAL_POSITION_INT": GLOBAL_POSITION_HZ} if kind is AutopilotKind.PX4 else {}
+    return place | {
         "ATTITUDE": settings.attitude_hz,
         "LOCAL_POSITION_NED": settings.position_hz,
         "SYS_STATUS": 1.0,
@@ -47,16 +64,33 @@ def ask(link: Link, command: int, *params: float) -> None:
     link.send("COMMAND_LONG", command_long(link.system_id, command, params))
 
 
-class MessageRates:
-    """Asks by SET_MESSAGE_INTERVAL, without waiting for answers: the measured rate is the answer."""
+def polled_ids(settings: AutopilotSettings) -> tuple[int, ...]:
+    """Messages that have to be asked for one by one."""
+    return () if settings.gps else tuple(POLLED.values())
 
-    def __init__(self, link: Link, wanted: Mapping[str, float]) -> None:
+
+class MessageRates:
+    """Asks by SET_MESSAGE_INTERVAL, without waiting for answers: the measured rate is the answer.
+
+    Args:
+        link: to the autopilot.
+        wanted: message name -> rate.
+        polled: ids of messages that are asked for one by one, every second.
+    """
+
+    def __init__(self, link: Link, wanted: Mapping[str, float], polled: Collection[int] = ()) -> None:
         self._link = link
+        self._polled = polled
+        self._polled_s = -math.inf
         self._wanted = {name: (hz, link.watch(name)) for name, hz in wanted.items()}
         self._asked_s: dict[str, float] = {}
 
     def ask_where_missing(self, now_s: float) -> None:
-        """Ask for each message that comes too rarely and has not just been asked for."""
+        """Ask for each message that comes too rarely and has not just been asked for, and for what is polled."""
+        if now_s - self._polled_s >= POLL_S:
+            self._polled_s = now_s
+            for number in self._polled:
+                ask(self._link, MavCmd.REQUEST_MESSAGE, float(number))
         for name, (hz, stream) in self._wanted.items():
             asked_s = self._asked_s.get(name)
             if asked_s is not None and (now_s - asked_s < ASK_AGAIN_S or stream.rate_hz(now_s) >= ENOUGH * hz):

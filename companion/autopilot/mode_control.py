@@ -10,7 +10,7 @@ from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle_state import integer
 from companion.clock import Clock
 from companion.errors import CompanionError
-from companion.mavlink.ids import MavCmd, MavModeFlag, MavResult
+from companion.mavlink.ids import MavCmd, MavModeFlag, MavResult, MavState
 from companion.mavlink.mode_monitor import HEARTBEAT_LATE_S, ModeMonitor
 from companion.mavlink.modes import mode_name, personality, result_name
 
@@ -19,6 +19,12 @@ MODE_GRACE_S = 2.5
 """A mode that was asked for may take this long to show: the heartbeat that tells comes once a second."""
 MODE_LIMIT_S = 5.0
 """After this it is given up even when no heartbeat came at all."""
+UNHEARD_S = 1.5
+"""Heartbeats come once a second: one that is older was missed, and so may be what came with it."""
+FAILSAFE_SHOWS_S = 0.3
+"""A failsafe acts up to 0.12 s after its time limit; only a heartbeat from after that can tell."""
+TOLD_WITHIN_S = 3.0
+"""So long the next heartbeat is waited for; a link that is silent for longer carries no order either."""
 ARM_PATIENCE_S = 10.0
 """Reasons not to arm may pass by themselves: without GPS, PX4 is ready 5 s after it was told its origin."""
 ARM_PERIOD_S = 2.0
@@ -42,6 +48,7 @@ class ModeControl:
 
     Attributes:
         asked_to_arm: whether this flight is ours to end.
+        failsafe_s: when the autopilot acts by itself, unless another setpoint comes; told by whoever sends them.
 
     Raises:
         FlightError: by everything that is asked for, when it is refused, with the autopilot's reasons, or never shows.
@@ -51,6 +58,7 @@ class ModeControl:
 
     def __init__(self, link: Link, telemetry: Telemetry, clock: Clock, timeout_s: float) -> None:
         self.asked_to_arm = False
+        self.failsafe_s = -math.inf
         self._link = link
         self._telemetry = telemetry
         self._clock = clock
@@ -67,9 +75,19 @@ class ModeControl:
         return self._judged().taken_over
 
     @property
+    def by_failsafe(self) -> bool:
+        """Whether it was the autopilot's own failsafe that took the vehicle, and no person."""
+        return self._judged().by_failsafe
+
+    @property
     def heartbeat_s(self) -> float:
         """When the newest heartbeat came; -inf before the first."""
         return self._judged().heartbeat_s
+
+    @property
+    def failsafe_unheard(self) -> bool:
+        """Whether a failsafe of the autopilot may have acted of which no heartbeat can have told yet."""
+        return self._clock.now_s() > self.failsafe_s and self.heartbeat_s < self.failsafe_s + FAILSAFE_SHOWS_S
 
     @property
     def armed(self) -> bool:
@@ -89,9 +107,30 @@ class ModeControl:
     def check_ours(self) -> None:
         """Raise TakenOver when somebody else has the vehicle."""
         if self.taken_over is not None:
-            raise TakenOver(
-                f"somebody else has the vehicle (mode {self.taken_over}): the application keeps its hands off"
-            )
+            raise TakenOver(f"{self._whose()}: the application keeps its hands off")
+
+    def may_disarm(self) -> None:
+        """From now on the vehicle may disarm in the mode that it is in: it is landed by setpoints."""
+        self._monitor.request(self._monitor.ours, may_disarm=True)
+
+    async def confirm_ours(self) -> None:
+        """Wait until the autopilot has told its mode, where it may have changed unheard, and raise as `check_ours`.
+
+        After a stall of ours, or of the link, a pilot or a failsafe may have the vehicle: an order would overrule them.
+
+        Raises:
+            LinkError: it does not tell.
+        """
+        asked_s = self._clock.now_s()
+        while self._clock.now_s() - self.heartbeat_s > UNHEARD_S or self.failsafe_unheard:
+            self.check_ours()
+            if self._clock.now_s() - asked_s > TOLD_WITHIN_S:
+                raise LinkError(
+                    f"the autopilot has not told its mode for {self._clock.now_s() - self.heartbeat_s:.1f} s: nothing "
+                    "is ordered unseen, and its own failsafe has the vehicle"
+                )
+            await self._clock.sleep(POLL_S)
+        self.check_ours()
 
     def lands(self, or_holds: bool = False) -> bool:
         """Whether the autopilot shows that it lands, or if wanted that it holds, because we asked for that."""
@@ -137,7 +176,9 @@ class ModeControl:
             if result == MavResult.ACCEPTED:
                 return
             if self._clock.now_s() - began_s >= ARM_PATIENCE_S:
-                raise self.failure(f"the autopilot refuses to arm ({result_name(result)})", began_s)
+                checks = "; ".join(self._link.arming_problems)
+                because = f", because of its own checks: {checks}" if checks else ""
+                raise self.failure(f"the autopilot refuses to arm ({result_name(result)}){because}", began_s)
             await self._clock.sleep(ARM_PERIOD_S)
 
     async def disarm(self, timeout_s: float) -> bool:
@@ -157,7 +198,7 @@ class ModeControl:
         return await self._link.command(command, *parameters, timeout_s=timeout_s or self._timeout_s)
 
     async def _enter(self, mode: int, may_disarm: bool = False, timeout_s: float | None = None) -> None:
-        self.check_ours()
+        await self.confirm_ours()
         name = mode_name(self._link.kind, mode)
         asked_s = self._clock.now_s()
         request = self._monitor.request(frozenset({mode}), may_disarm, self._personality.passing_to(mode))
@@ -186,6 +227,10 @@ class ModeControl:
                 raise self.failure(f"the autopilot accepted the mode {name} but does not show it", asked_s)
             await self._clock.sleep(POLL_S)
 
+    def _whose(self) -> str:
+        who = "the autopilot's own failsafe" if self._monitor.by_failsafe else "somebody else"
+        return f"{who} has the vehicle (mode {self._monitor.taken_over})"
+
     def _judged(self) -> ModeMonitor:
         """With the newest heartbeat judged: after a hang of the event loop it is here before its event is."""
         if self._heartbeats.newest is not None:
@@ -196,6 +241,7 @@ class ModeControl:
         mode, flags = integer(message, "custom_mode"), integer(message, "base_mode")
         if mode is not None and flags is not None:
             before = self._monitor.taken_over
-            self._monitor.on_heartbeat(mode, bool(flags & MavModeFlag.SAFETY_ARMED), message.received_s)
+            critical = integer(message, "system_status") in (MavState.CRITICAL, MavState.EMERGENCY)
+            self._monitor.on_heartbeat(mode, bool(flags & MavModeFlag.SAFETY_ARMED), message.received_s, critical)
             if before is None and self._monitor.taken_over is not None:
-                _log.warning("somebody else has the vehicle: mode %s", self._monitor.taken_over)
+                _log.warning("%s", self._whose())

@@ -6,6 +6,7 @@ import asyncio
 import logging
 import math
 from collections.abc import Coroutine
+from dataclasses import astuple
 from typing import Any, TypeVar
 
 from companion.autopilot.interface import Link, LinkError
@@ -15,8 +16,6 @@ from companion.frames import setpoint_to_frd
 from companion.mavlink.ids import VELOCITY_AND_YAW_RATE, MavComponent, MavFrame
 from companion.model import Setpoint
 
-FAILSAFE_SHOWS_S = 0.3
-"""A failsafe acts up to 0.12 s after its time limit; only a heartbeat from after that can tell."""
 STREAM_BEFORE_S = 0.6
 """PX4 takes the mode only when setpoints have been coming for a while."""
 
@@ -42,7 +41,6 @@ class OffboardControl:
         self._silence_s = silence_s
         self._heartbeat_limit_s = heartbeat_s
         self._engaged = False
-        self._last_sent_s = -math.inf
 
     @property
     def engaged(self) -> bool:
@@ -61,19 +59,24 @@ class OffboardControl:
             await self._modes.offboard()
         self._engaged = True
         # Our own silence counts from here.
-        self._last_sent_s = self._clock.now_s()
+        self._modes.failsafe_s = self._clock.now_s() + self._silence_s
 
     def release(self) -> None:
         """From here on `send` sends nothing."""
         self._engaged = False
 
     async def while_still(self, work: Coroutine[Any, Any, T]) -> T:
-        """Do something while the vehicle is asked to stand still, 20 times a second."""
+        """Do something while the vehicle is asked to stand still, 20 times a second.
+
+        After a stall it is asked only once a heartbeat has told that it is still ours: PX4 returns to offboard on the
+        first setpoint.
+        """
         task = asyncio.create_task(work)
         try:
             while not task.done():
                 self._modes.check_ours()
-                self._transmit(Setpoint(self._clock.now_s(), 0.0, 0.0, 0.0))
+                if not self._modes.failsafe_unheard:
+                    self._transmit(Setpoint(self._clock.now_s(), 0.0, 0.0, 0.0))
                 await self._clock.sleep(POLL_S)
             return task.result()
         finally:
@@ -98,15 +101,13 @@ class OffboardControl:
             return f"somebody else has the vehicle (mode {self._modes.taken_over})"
         if not self._engaged:
             return "not engaged"
-        if not all(map(math.isfinite, (setpoint.t_s, setpoint.speed_mps, setpoint.climb_mps, setpoint.yaw_rate_radps))):
+        if not all(map(math.isfinite, astuple(setpoint))):
             return "the setpoint is not finite"
-        now_s, heartbeat_s = self._clock.now_s(), self._modes.heartbeat_s
-        if now_s - heartbeat_s > self._heartbeat_limit_s:
+        if self._clock.now_s() - self._modes.heartbeat_s > self._heartbeat_limit_s:
             return f"no heartbeat of the autopilot for {self._heartbeat_limit_s:g} s"
-        failsafe_s = self._last_sent_s + self._silence_s
         # PX4 returns to offboard on the first setpoint: after a silence that may have let its failsafe act, nothing is
         # sent before a heartbeat has told whether it did.
-        if now_s > failsafe_s and heartbeat_s < failsafe_s + FAILSAFE_SHOWS_S:
+        if self._modes.failsafe_unheard:
             return "setpoints stopped for too long: waiting for the autopilot to tell its mode"
         return None
 
@@ -126,4 +127,4 @@ class OffboardControl:
                 "yaw_rate": velocity.yaw_rate_radps,
             },
         )
-        self._last_sent_s = self._clock.now_s()
+        self._modes.failsafe_s = self._clock.now_s() + self._silence_s

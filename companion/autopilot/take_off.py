@@ -1,8 +1,8 @@
 """From the ground to the measured height. Each autopilot has its own order of steps; the height is measured by us.
 
-PX4 with GPS: hold, arm, take off. PX4 without GPS: it cannot hold without a global origin, so it arms in offboard and
-climbs by our setpoints. ArduPilot: guided (it does not arm in brake), arm, take off, and no setpoint before it flies:
-velocity setpoints suppress the take-off.
+PX4 with GPS: hold, arm, take off. PX4 without GPS: it may have no global origin, without which it cannot hold, so it
+arms in offboard and climbs by our setpoints. ArduPilot: guided (it does not arm in brake), arm, take off, and no
+setpoint before it flies: velocity setpoints suppress the take-off.
 """
 
 from __future__ import annotations
@@ -35,31 +35,8 @@ BLIND_RISE_M = 0.5
 """Near the ground the beam may see nothing yet: so far the climb may go on by the autopilot's own estimate."""
 TAKE_OFF_HEIGHT = "MIS_TAKEOFF_ALT"
 
-ORIGIN_LATITUDE_E7, ORIGIN_LONGITUDE_E7, ORIGIN_ALTITUDE_MM = 473977418, 85455939, 488000
-"""Any place on Earth does: without GPS the autopilot only needs to have one."""
-
 _log = logging.getLogger(__name__)
 Height = Callable[[], float | None]
-
-
-def send_origin(link: Link, now_s: float) -> None:
-    """Tell an autopilot without GPS where on Earth its origin is meant to be: hold (PX4) and home (ArduPilot) need one.
-
-    PX4 is ready to arm about 5 s later.
-
-    Raises:
-        LinkError: the link is gone.
-    """
-    link.send(
-        "SET_GPS_GLOBAL_ORIGIN",
-        {
-            "target_system": link.system_id,
-            "latitude": ORIGIN_LATITUDE_E7,
-            "longitude": ORIGIN_LONGITUDE_E7,
-            "altitude": ORIGIN_ALTITUDE_MM,
-            "time_usec": int(now_s * 1e6),
-        },
-    )
 
 
 class TakeOff:
@@ -103,8 +80,6 @@ class TakeOff:
         modes, began_s = self._modes, self._clock.now_s()
         if modes.armed:
             raise FlightError("cannot take off: the vehicle is armed already, and not by this application")
-        if not self._gps:
-            send_origin(self._link, began_s)
         if self._link.kind is AutopilotKind.ARDUPILOT:
             await modes.offboard()
             await modes.arm()

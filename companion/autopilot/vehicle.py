@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 from collections.abc import Callable
 from typing import Self
 
@@ -18,10 +19,16 @@ from companion.autopilot.take_off import TakeOff
 from companion.autopilot.telemetry import Telemetry
 from companion.clock import Clock
 from companion.config.settings import Settings
+from companion.control.ramp import Ramp
 from companion.errors import CompanionError
 from companion.model import Setpoint
+from companion.station_keeping import STANDS_MPS
 
 LAND_S = 60.0
+LAND_MPS = 0.3
+"""Downward, where we land by setpoints: slow enough to touch down with."""
+STAND_PATIENCE_S = 2.0
+"""Zero velocity has brought both autopilots to stand by then."""
 LEAVE_S = 8.0
 """The end of the block may take this long: two modes to ask for, each shown by a heartbeat."""
 LEAVE_COMMAND_S = 2.0
@@ -58,6 +65,11 @@ class Vehicle:
         Set once, for good.
         """
         return self._modes.taken_over
+
+    @property
+    def by_failsafe(self) -> bool:
+        """Whether it was the autopilot's own failsafe that took it, by its word."""
+        return self._modes.by_failsafe
 
     async def take_off(self, height_m: float, measured_height_m: Callable[[], float | None]) -> None:
         """Arm, take off, and return when the measured height has been within 0.2 m of ``height_m`` for 1 s.
@@ -106,8 +118,7 @@ class Vehicle:
 
     async def hold(self) -> None:
         """Stop and stay: hold on PX4, which refuses it without a global origin, brake on ArduPilot."""
-        self._offboard.release()
-        await self._modes.hold()
+        await self._hold(None)
 
     async def land(self, timeout_s: float = LAND_S) -> bool:
         """Land where it is.
@@ -115,8 +126,10 @@ class Vehicle:
         Returns:
             True when it has landed and disarmed, False when that took longer than ``timeout_s``: it lands on.
         """
-        self._offboard.release()
         give_up_s = self._clock.now_s() + timeout_s
+        if self._lands_elsewhere():
+            return await self._descend(give_up_s)
+        self._offboard.release()
         await self._modes.land()
         while self._modes.maybe_armed:
             self._modes.check_ours()
@@ -125,11 +138,28 @@ class Vehicle:
             await self._clock.sleep(POLL_S)
         return True
 
+    def _lands_elsewhere(self) -> bool:
+        """Whether the autopilot's own landing would fly to 0°/0° first: it has an origin and no global position."""
+        state = self._telemetry.state(self._clock.now_s())
+        return self._offboard.engaged and state.origin_set and not state.global_position
+
+    async def _descend(self, give_up_s: float) -> bool:
+        """Land by setpoints, where it is; the autopilot disarms when it is down. Gives as `land` does."""
+        _log.warning("landing by setpoints: the autopilot's own landing would fly to 0°/0°")
+        self._modes.may_disarm()
+        ramp = Ramp(self._settings.control.max_accel_mps2, POLL_S)
+        while self._modes.maybe_armed:
+            self._modes.check_ours()
+            if self._clock.now_s() > give_up_s:
+                return False
+            self._offboard.send(ramp.limit(Setpoint(self._clock.now_s(), 0.0, -LAND_MPS, 0.0)))
+            await self._clock.sleep(POLL_S)
+        return True
+
     async def __aenter__(self) -> Self:
         return self
 
     async def __aexit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
-        self._offboard.release()
         leaving = asyncio.create_task(self._leave())
         cancelled: asyncio.CancelledError | None = None
         while not leaving.done():
@@ -155,18 +185,22 @@ class Vehicle:
                 "failsafe has to end this flight",
                 str(failure) or f"no answer within {LEAVE_S:g} s",
             )
+        finally:
+            self._offboard.release()
 
     async def _end(self) -> None:
         modes, holds = self._modes, self._settings.mission.end_action == "hold"
         if not (modes.asked_to_arm and modes.maybe_armed):
             return
-        modes.check_ours()
+        await modes.confirm_ours()
         # In the air the autopilot refuses to disarm, which is why it may be asked at all.
         if self._telemetry.state(self._clock.now_s()).landed and await modes.disarm(LEAVE_COMMAND_S):
             return
         if modes.lands(or_holds=holds):
             return
-        end, other = (modes.hold, modes.land) if holds else (modes.land, modes.hold)
+        if not holds:
+            self._offboard.release()
+        end, other = (self._hold, modes.land) if holds else (modes.land, self._hold)
         try:
             await end(LEAVE_COMMAND_S)
         except TakenOver:
@@ -174,6 +208,25 @@ class Vehicle:
         except CompanionError as refusal:
             _log.warning("%s", refusal)
             await other(LEAVE_COMMAND_S)
+
+    async def _hold(self, timeout_s: float | None) -> None:
+        """Come to stand by zero velocity, which ArduCopter's brake needs twice the way for, and stay.
+
+        Args:
+            timeout_s: for the acknowledgement, in s; by default as configured.
+        """
+        if self._offboard.engaged:
+            await self._offboard.while_still(self._until_it_stands())
+        self._offboard.release()
+        await self._modes.hold(timeout_s)
+
+    async def _until_it_stands(self) -> None:
+        begun_s = self._clock.now_s()
+        while self._clock.now_s() - begun_s < STAND_PATIENCE_S:
+            pose = self._telemetry.poses.newest()
+            if pose is not None and math.hypot(pose.vx_mps, pose.vy_mps) < STANDS_MPS:
+                return
+            await self._clock.sleep(POLL_S)
 
     def _risen_m(self) -> float | None:
         pose = self._telemetry.poses.newest()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 from pydantic_core import PydanticCustomError
@@ -32,7 +32,10 @@ class AutopilotSettings(Section):
     )
     connect_timeout_s: float = Field(30.0, gt=0.0, le=600.0, description="how long to wait for the autopilot, in s")
     ready_timeout_s: float = Field(
-        60.0, ge=0.0, le=600.0, description="how long to wait for the autopilot's position before the checks, in s"
+        60.0,
+        ge=0.0,
+        le=600.0,
+        description="how long to wait for the autopilot's position, and until ArduPilot can be armed, in s",
     )
     command_timeout_s: float = Field(2.0, ge=0.5, le=30.0, description="how long to wait for an acknowledgement, in s")
     attitude_hz: float = Field(50.0, ge=5.0, le=200.0, description="rate at which attitudes are asked for")
@@ -41,6 +44,12 @@ class AutopilotSettings(Section):
     )
     gps: bool = Field(
         True, description="false: no GPS, the autopilot knows its position from external (visual) odometry only"
+    )
+    odometry_frame: Literal["local_ned", "local_frd"] = Field(
+        "local_ned",
+        description="in which frame the source of the odometry sends ODOMETRY to PX4 without GPS; ignored otherwise. "
+        "local_ned, with any heading, is told an origin and can hold; with local_frd and an origin every landing would "
+        "fly to 0°/0°, so none is told, and hold is a landing",
     )
     silence_s: float = Field(
         0.5,

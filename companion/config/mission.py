@@ -24,6 +24,13 @@ class MissionSettings(Section):
     battery_low_percent: float = Field(
         25.0, ge=0.0, le=95.0, description="the flight ends when the battery has less than this left, in percent"
     )
+    battery_low_v: float | None = Field(
+        None,
+        gt=0.0,
+        le=1000.0,
+        description="the flight ends when the battery's voltage stays below this for 5 s, in V, about 3.5 V a cell; "
+        "null: not judged. ArduPilot's percent is a count from 100 % at each boot, so it needs this or BATT_LOW_VOLT",
+    )
     take_off_timeout_s: float = Field(
         40.0, ge=5.0, le=300.0, description="the height H must be reached in this time, in s"
     )

@@ -23,6 +23,12 @@ ANSWERS: dict[Level, dict[Fault, Answer]] = {
         Fault.POSE_FROZEN: ("land", None, None),
         Fault.ESTIMATOR: ("land", None, None),
         Fault.BATTERY: ("land", None, None),
+        # Standing by a position that is no longer measured is drifting: the sooner it is down, the nearer to here.
+        Fault.AIDING_LOST: ("brake", 1.0, 2.0),
+        Fault.GPS_LOST: ("brake", 1.0, 2.0),
+        Fault.ODOMETRY_SILENT: ("brake", 1.0, 2.0),
+        # Setpoints do not help. Hold is a mode that obeys none, and what was paused in guided stays in it.
+        Fault.NOT_OBEYED: ("hold", None, 10.0),
         # It never comes back in this flight; the pilot gets fifteen seconds to choose where it lands.
         Fault.APPLICATION: ("brake", 2.0, 15.0),
         # What is ordered over a link that is dying should be ordered soon.
@@ -43,6 +49,10 @@ ANSWERS: dict[Level, dict[Fault, Answer]] = {
         Fault.POSE_FROZEN: ("land", None, None),
         Fault.ESTIMATOR: ("land", None, None),
         Fault.BATTERY: ("land", None, None),
+        Fault.AIDING_LOST: ("brake", 0.5, 1.0),
+        Fault.GPS_LOST: ("brake", 0.5, 1.0),
+        Fault.ODOMETRY_SILENT: ("brake", 0.5, 1.0),
+        Fault.NOT_OBEYED: ("hold", None, 5.0),
         Fault.APPLICATION: ("brake", 1.0, 8.0),
         Fault.HEARTBEAT_LOST: ("brake", 1.0, 5.0),
         Fault.LINK_LOST: ("brake", 1.0, 5.0),
@@ -139,6 +149,14 @@ class ReactionsSettings(Section):
     estimator: ReactionSettings = _answer(
         Fault.ESTIMATOR, "the autopilot says that it does not know its velocity or position"
     )
+    aiding_lost: ReactionSettings = _answer(
+        Fault.AIDING_LOST, "nothing tells the autopilot any more where it is, though it does not say so yet"
+    )
+    gps_lost: ReactionSettings = _answer(Fault.GPS_LOST, "it flies by GPS, and the position fix is gone")
+    odometry_silent: ReactionSettings = _answer(
+        Fault.ODOMETRY_SILENT, "the odometry that passes through the gate stopped, or repeats itself"
+    )
+    not_obeyed: ReactionSettings = _answer(Fault.NOT_OBEYED, "asked to stand it moves, or asked to move it stands")
     heartbeat_lost: ReactionSettings = _answer(
         Fault.HEARTBEAT_LOST, "no heartbeat of the autopilot: nobody knows its mode"
     )

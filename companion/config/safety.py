@@ -108,6 +108,26 @@ class StaleSettings(Section):
         le=2.0,
         description="age of the autopilot's position, in s: every wall that is not in view is carried along by it",
     )
+    aiding_s: float = Field(
+        0.4,
+        ge=0.2,
+        le=10.0,
+        description="the estimator's figures of merit unchanged for this long, in s: they change with each "
+        "measurement, 30 or 50 odometries or 5 fixes a second; ArduCopter itself notices the loss after 7 s",
+    )
+    gps_s: float = Field(
+        0.5,
+        ge=0.3,
+        le=10.0,
+        description="with autopilot.gps: no position fix for this long, in s: of five a second one may be lost",
+    )
+    odometry_s: float = Field(
+        0.25,
+        ge=0.05,
+        le=5.0,
+        description="odometry that passes through the gate (safety.attached, may: odometry) silent, or repeating "
+        "itself, for this long, in s: seven of 30 Hz are missing",
+    )
     heartbeat_s: float = Field(
         3.0, ge=1.5, le=10.0, description="no heartbeat of the autopilot for this long, in s: three of 1 Hz are lost"
     )
@@ -235,6 +255,21 @@ class SafetySettings(Section):
         description="with less left it lands where it is, in percent; below mission.battery_low_percent, so that the "
         "application ends the flight first; 0: not watched",
     )
+    battery_v: float | None = Field(
+        None,
+        gt=0.0,
+        le=1000.0,
+        description="with a lower voltage for 5 s it lands where it is, in V; null: not judged. A percentage is what "
+        "the autopilot counts, ArduPilot from 100 % at each boot; the voltage is measured",
+    )
+    not_obeyed_mps: float = Field(
+        0.2,
+        ge=0.15,
+        le=2.0,
+        description="a vehicle that is asked to stand and flies faster than this, in m/s, does not obey, nor does one "
+        "that is asked for more and stands: twice what the autopilots' estimates were measured to wander; what keeps a "
+        "place asks for up to 0.1",
+    )
     fence: FenceSettings = Field(FenceSettings(), description="where the vehicle may be")
     recover_s: float = Field(
         1.0, ge=0.1, le=60.0, description="a fault must be gone for this long before the application flies again, in s"
@@ -245,6 +280,13 @@ class SafetySettings(Section):
         le=2.0,
         description="from a setpoint on the wire until the vehicle begins to brake, in s: link, the autopilot's loop, "
         "tilting; with control.governor.brake_mps2 it covers what PX4 was measured to need",
+    )
+    creep_m: float = Field(
+        0.12,
+        ge=0.0,
+        le=2.0,
+        description="how far it goes on after it has braked until its place is kept, in m: PX4 was measured to creep "
+        "at 0.06 m/s, and a place is kept after 2 s at most",
     )
     attached: tuple[AttachedSettings, ...] = Field(
         (),

@@ -109,6 +109,14 @@ def check_battery(safety: SafetySettings, mission: MissionSettings) -> None:
             "safety.battery_percent",
             "mission.battery_low_percent",
         )
+    ours_v, gate_v = mission.battery_low_v, safety.battery_v
+    if ours_v is not None and gate_v is not None and gate_v >= ours_v:
+        raise refuse(
+            f"safety.battery_v = {gate_v:g} V must be smaller than mission.battery_low_v = {ours_v:g} V: the "
+            "application ends the flight first; null does not watch the voltage",
+            "safety.battery_v",
+            "mission.battery_low_v",
+        )
 
 
 def check_fence(safety: SafetySettings, control: ControlSettings) -> None:

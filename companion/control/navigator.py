@@ -14,6 +14,7 @@ from companion.control.governor import governed_speed_mps
 from companion.control.known_ground import KnownGround
 from companion.control.parameters import Parameters
 from companion.control.ramp import Ramp
+from companion.control.standing import Standing
 from companion.control.target import Target, TargetKind, world_point
 from companion.model import ABSURD, HIT, Measurement, Mode, Pose, Scan, Setpoint, wrap_rad
 
@@ -66,6 +67,7 @@ class Navigator:
         self._choice = Choice(parameters, self._ground)
         self._laps = LapCounter()
         self._ramp = Ramp(parameters.max_accel_mps2, parameters.period_s)
+        self._standing = Standing(parameters)
         self._pause_until_s = -math.inf
         self._turned_rad = 0.0
         self._last_yaw_rad: float | None = None
@@ -100,6 +102,7 @@ class Navigator:
         climb = self._climb_mps(measurement, pose)
         if self._holding or scan is None:
             self._last_yaw_rad = None
+            self._standing.release()
             return self._ramp.limit(Setpoint(t_s, 0.0, climb, 0.0))
         self._count_turning(pose)
         self._choice.see(scan, pose, t_s)
@@ -110,7 +113,8 @@ class Navigator:
         elif self._mode is Mode.BOUNDARY:
             self._leave_boundary(measurement, scan, pose, t_s)
         speed = self._speed_mps(measurement, scan, pose)
-        return self._ramp.limit(Setpoint(t_s, speed, climb, self._yaw_rate_radps(measurement, pose)))
+        wanted = Setpoint(t_s, speed, climb, self._yaw_rate_radps(measurement, pose))
+        return self._ramp.limit(self._standing.of(wanted, scan, pose))
 
     # The laws.
 

@@ -9,22 +9,22 @@ from typing import Annotated, Literal
 
 from annotated_types import Ge, Gt, Le, Lt, doc
 
-from companion.mavlink.firmware import ARDUCOPTER_BRAKE_MPS2
+from companion.mavlink.firmware import MEASURED_BRAKE_MPS2
 
 
 class Governor:
     """The speed governor, which bounds the speed by what can be braked and turned."""
 
-    reaction_s: Annotated[float, Ge(0.0), Le(3.0), doc("time from seeing an obstacle to braking, in s")] = 0.4
+    reaction_s: Annotated[float, Ge(0.0), Le(3.0), doc("time from seeing an obstacle to braking, in s")] = 0.6
     brake_mps2: Annotated[
         float,
         Gt(0.0),
         Le(10.0),
         doc(
             "deceleration that the vehicle surely reaches, in m/s²; the safety gate counts on it too, with any "
-            f"speed_law. The default is for PX4; ArduPilot reaches {ARDUCOPTER_BRAKE_MPS2:g}, pre-flight refuses more"
+            f"speed_law. PX4 and ArduPilot were measured to reach {MEASURED_BRAKE_MPS2:g}, pre-flight refuses more"
         ),
-    ] = 0.8
+    ] = MEASURED_BRAKE_MPS2
     turn_share: Annotated[
         float, Gt(0.0), Le(1.0), doc("share of the largest yaw rate that is counted on to turn away from a wall")
     ] = 0.6

@@ -14,10 +14,10 @@ LONGEST_GAP_S = 0.5
 
 
 class Ramp:
-    """Lets speed and climb grow away from zero no faster than an acceleration, one setpoint after the other.
+    """Lets each velocity grow away from zero no faster than an acceleration, one setpoint after the other.
 
     Args:
-        max_accel_mps2: largest growth of either.
+        max_accel_mps2: largest growth of each.
         period_s: the sampling period: as much may have passed before the first setpoint, or the first after a pause.
     """
 
@@ -31,14 +31,15 @@ class Ramp:
         last = self._last
         gap_s = self._period_s if last is None else wanted.t_s - last.t_s
         if last is None or not gap_s <= LONGEST_GAP_S:
-            gap_s, speed_mps, climb_mps = self._period_s, 0.0, 0.0
+            gap_s, speed_mps, climb_mps, lateral_mps = self._period_s, 0.0, 0.0, 0.0
         else:
-            speed_mps, climb_mps = last.speed_mps, last.climb_mps
+            speed_mps, climb_mps, lateral_mps = last.speed_mps, last.climb_mps, last.lateral_mps
         most_mps = self._max_accel_mps2 * max(gap_s, 0.0)
         self._last = Setpoint(
             t_s=wanted.t_s,
             speed_mps=_grown(wanted.speed_mps, speed_mps, most_mps),
             climb_mps=_grown(wanted.climb_mps, climb_mps, most_mps),
+            lateral_mps=_grown(wanted.lateral_mps, lateral_mps, most_mps),
             yaw_rate_radps=wanted.yaw_rate_radps if math.isfinite(wanted.yaw_rate_radps) else 0.0,
         )
         return self._last

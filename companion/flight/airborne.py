@@ -12,12 +12,15 @@ from companion.flight.events import Event, EventEmitter
 from companion.flight.gate_client import GateLostError, GateTookOverError
 from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands
 from companion.flight.phase import PhaseEvent
-from companion.flight.preflight.run import LOOK_PERIOD_S
+from companion.flight.preflight.ready import LOOK_PERIOD_S
 from companion.flight.session import Session
 from companion.flight.tasks import background, first_of
 from companion.flight.termination import Conditions, Termination, termination
 from companion.mapping.process.client import MapClient
 from companion.mavlink.modes import mode_name, personality
+
+STALL_S = 0.5
+"""A look that comes later than this tells that we stood still ourselves, and that others may be well."""
 
 
 class Airborne:
@@ -100,20 +103,26 @@ class Airborne:
     async def _until_the_end(self, began_s: float) -> Termination:
         session = self._session
         battery_s: float | None = None
+        awake_since_s = looked_s = began_s
         while True:
             now_s = session.clock.now_s()
+            if now_s - looked_s > LOOK_PERIOD_S + STALL_S:
+                awake_since_s = now_s
+            looked_s = now_s
             state = session.telemetry.state(now_s)
             if state.battery_percent is not None:
                 battery_s = now_s
             conditions = Conditions(
                 vehicle=state,
                 taken_over=self._vehicle.taken_over is not None,
+                by_failsafe=self._vehicle.by_failsafe,
                 gate_took_over=self._gate.took_over is not None,
                 gate_lost=self._gate.lost.is_set(),
                 stop_asked=self._operator.stop.is_set(),
                 complete=self._mapper.status.complete,
                 flown_s=now_s - began_s,
                 blind_s=now_s - self._control_loop.fresh_s,
+                awake_s=now_s - awake_since_s,
                 map_silent_s=self._mapper.status.age_s,
                 battery_silent_s=0.0 if battery_s is None else now_s - battery_s,
             )

@@ -43,7 +43,7 @@ class Event(enum.Enum):
     LOADING = Texts("loading the navigator (the first time on a computer compiles it, about a minute)")
     CONNECTING = Texts("looking for the autopilot at {url}")
     CONNECTED = Texts("connected; listening to the autopilot and the sensors")
-    NO_POSITION_YET = Texts("waiting for the autopilot's position, up to {timeout_s:g} s")
+    NOT_READY_YET = Texts("waiting for {what}, up to {timeout_s:g} s")
     REFUSED = Texts("{results}", "not armed: {failed}", severity=_ERROR)
     MAP_STARTING = Texts(
         "starting the map (the first start on a computer compiles it: a minute, on a small one several)"

@@ -6,6 +6,7 @@ import math
 
 from companion.gate.faults import Fault
 from companion.gate.geofence import excess_m
+from companion.gate.obedience import Obedience
 from companion.gate.plan import Plan
 from companion.gate.protocol import Beat, Phase
 from companion.gate.setpoint_limits import VelocitySetpoint
@@ -32,6 +33,7 @@ class FaultMonitor:
         asked: the newest setpoint that could be read; None before the first of this application.
         died: whether the application's process did.
         stop_ordered: whether a person on the ground ordered a stop.
+        obedience: of the vehicle to what goes out on the wire.
         bad_s: when a setpoint was last refused.
         flooded_s: when the application last sent more than it may.
     """
@@ -43,10 +45,10 @@ class FaultMonitor:
         self.stop_ordered = False
         self.bad_s = -math.inf
         self.flooded_s = -math.inf
+        self.obedience = Obedience(plan.thresholds.not_obeyed_mps)
         self._plan = plan
         self._vehicle = vehicle
         self._explores_since_s = math.inf
-        self._reach_s = plan.stopping.delay_s + 2.0 * plan.period_s
 
     @property
     def phase(self) -> Phase:
@@ -58,7 +60,14 @@ class FaultMonitor:
         self.beat = self.asked = None
         self.died = self.stop_ordered = False
         self.bad_s = self.flooded_s = -math.inf
+        self.obedience.reset()
         self._explores_since_s = math.inf
+
+    def on_position(self, now_s: float) -> None:
+        """The vehicle knows a newer position and velocity."""
+        flown = self._vehicle.motion.forward_right_mps()
+        if flown is not None and self._vehicle.steered:
+            self.obedience.on_velocity(*flown, now_s)
 
     def on_beat(self, beat: Beat, now_s: float) -> bool:
         """A beat came; whether it can be one."""
@@ -107,8 +116,10 @@ class FaultMonitor:
             found[Fault.HEARTBEAT_LOST] = _seconds(heartbeat_s)
         if vehicle.estimator_good is False:
             found[Fault.ESTIMATOR] = ""
-        if vehicle.battery_percent is not None and vehicle.battery_percent < limit.battery_percent:
-            found[Fault.BATTERY] = f"{vehicle.battery_percent:.0f} %"
+        if (too_little := vehicle.battery.too_little(now_s)) is not None:
+            found[Fault.BATTERY] = too_little
+        if (wrong := self.obedience.wrong(now_s)) is not None and vehicle.steered:
+            found[Fault.NOT_OBEYED] = wrong
         pose_s = now_s - vehicle.motion.fresh_s
         if self.phase in STEERED and pose_s > limit.pose_s:
             found[Fault.POSE_STALE] = _seconds(pose_s)
@@ -120,6 +131,20 @@ class FaultMonitor:
         outside_m = -math.inf if place is None else excess_m(self._plan.fence, *place)
         if outside_m > 0.0:
             found[Fault.FENCE] = f"{outside_m:.1f} m outside"
+        return found | self._of_the_aiding(now_s)
+
+    def _of_the_aiding(self, now_s: float) -> dict[Fault, str]:
+        """What still tells the autopilot where it is; what never came in this flight is not missed."""
+        aiding, limit = self._vehicle.aiding, self._plan.thresholds
+        found: dict[Fault, str] = {}
+        odometry_s = self._vehicle.odometry.fresh_s
+        stands_s = aiding.figures_stand_for_s()
+        if stands_s > limit.aiding_s:
+            found[Fault.AIDING_LOST] = f"for {stands_s:.1f} s"
+        if self._plan.gps and math.isfinite(aiding.gps_s) and now_s - aiding.gps_s > limit.gps_s:
+            found[Fault.GPS_LOST] = f"{_seconds(now_s - aiding.gps_s)}, fix {aiding.gps_fix}"
+        if math.isfinite(odometry_s) and now_s - odometry_s > limit.odometry_s:
+            found[Fault.ODOMETRY_SILENT] = _seconds(now_s - odometry_s)
         return found
 
     def _of_the_inputs(self, now_s: float) -> dict[Fault, str]:
@@ -140,21 +165,27 @@ class FaultMonitor:
         offboard = self._vehicle.personality.offboard in self._vehicle.asked_modes
         if offboard and now_s - asked_s > limit.setpoint_s:
             found[Fault.SETPOINT_LATE] = _seconds(now_s - asked_s)
-        left_m = beat.ahead_m - self._stop_m(since_s)
-        if self._speed_mps() > CLOSING_MPS and left_m < limit.hard_limit_m:
+        left_m = beat.ahead_m - self._stop_m(now_s, since_s)
+        if self._speed_mps(now_s) > CLOSING_MPS and left_m < limit.hard_limit_m:
             found[Fault.DISTANCE] = f"{beat.ahead_m:.2f} m ahead"
         return found
 
-    def _speed_mps(self) -> float:
-        """Ahead, flown or asked for, whichever is more; what is asked for beyond the limit does not pass."""
-        flown_mps = self._vehicle.motion.forward_mps()
-        asked_mps = 0.0 if self.asked is None else min(self.asked.vx_mps, self._plan.limits.speed_mps)
-        return asked_mps if flown_mps is None else max(flown_mps, asked_mps)
+    def _speed_mps(self, now_s: float) -> float:
+        """Ahead, flown or asked for, whichever is more; what is asked for beyond the limit does not pass.
 
-    def _stop_m(self, since_s: float) -> float:
+        What was asked for by an application that has fallen silent is asked for no more: the vehicle was stopped.
+        """
+        flown = self._vehicle.motion.forward_right_mps()
+        asked_mps = 0.0 if self.asked is None else min(self.asked.vx_mps, self._plan.limits.speed_mps)
+        if flown is None:
+            return asked_mps
+        lasts = self.asked is not None and now_s - self.asked.t_s <= self._plan.thresholds.setpoint_s
+        return max(flown[0], asked_mps) if lasts else flown[0]
+
+    def _stop_m(self, now_s: float, since_s: float) -> float:
         """How far it goes on when it is stopped now, from where the beat has measured."""
-        speed_mps = max(0.0, self._speed_mps())
-        return speed_mps * (since_s + self._reach_s) + speed_mps**2 / (2.0 * self._plan.stopping.brake_mps2)
+        speed_mps = max(0.0, self._speed_mps(now_s))
+        return self._plan.stopping.distance_m(speed_mps, since_s + 2.0 * self._plan.period_s)
 
 
 def _seconds(age_s: float) -> str:

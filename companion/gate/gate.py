@@ -36,6 +36,10 @@ BURST_S = 0.5
 STAGE_S = 0.125
 """The application is told the stage again this often: a notice of it may have been lost."""
 NOT_LISTED = "not on the list"
+STOPPABLE = frozenset(
+    {MavComponent.ALL, MavComponent.AUTOPILOT1, MavComponent.ONBOARD_COMPUTER, MavComponent.ONBOARD_COMPUTER2}
+)
+"""Whom a person may have meant with a stop."""
 
 Fields = Mapping[str, Any]
 
@@ -69,7 +73,7 @@ class Gate:
         self.goodbye: Goodbye | None = None
         self.counts: Counter[str] = Counter()
         self._plan = plan
-        self._vehicle = Vehicle(plan.thresholds.pose_jump_m)
+        self._vehicle = Vehicle(plan.thresholds)
         self._monitor = FaultMonitor(plan, self._vehicle)
         self._escalation = Escalation(plan.reactions, plan.recover_s)
         self._outgoing = Outgoing(plan.system_id)
@@ -97,6 +101,11 @@ class Gate:
     def armed(self) -> bool:
         """By the autopilot's newest word."""
         return self._vehicle.armed
+
+    @property
+    def carries_odometry(self) -> bool:
+        """Whether the autopilot flies by odometry that passes through the gate: without the gate it would have none."""
+        return self._vehicle.armed and math.isfinite(self._vehicle.odometry.fresh_s)
 
     def on_application_started(self) -> None:
         """A new process of the application."""
@@ -152,10 +161,12 @@ class Gate:
         fields = decode(frame) if (name in READ if own else name in ORDERS) else None
         if own:
             self._vehicle.on_message(name if fields is not None else None, fields or {}, now_s)
+            if name == "LOCAL_POSITION_NED" and self._vehicle.motion.fresh_s == now_s:
+                self._monitor.on_position(now_s)
         elif fields is not None:
             self._on_foreign_command(fields, frame)
 
-    def on_attached_message(self, frame: Frame, may: str) -> bool:
+    def on_attached_message(self, frame: Frame, may: str, now_s: float) -> bool:
         """One message of somebody attached: whether it passes to the autopilot."""
         name, fields = NAMES.get(frame.message_id), decode(frame)
         feeds = may == "odometry" and name in allowlist.ODOMETRY
@@ -165,8 +176,15 @@ class Gate:
             return False
         if fields is None:
             return True
-        if name in ORDERS:
-            self._on_foreign_command(fields, frame)
+        if feeds and name in allowlist.PLACES:
+            self._vehicle.odometry.on_place(str(name), fields, now_s)
+        if feeds and name in allowlist.TRACKED and self.airborne and not self._vehicle.odometry.believed:
+            # An autopilot that is told nothing brakes and lands; one that is told this runs away.
+            self.counts["attached: odometry that repeats itself or leaps"] += 1
+            return False
+        # A pause ends here: ArduCopter would freeze in guided and fly on with the next word.
+        if name in ORDERS and self._on_foreign_command(fields, frame):
+            return False
         return fields.get("target_component") not in (MavComponent.ONBOARD_COMPUTER, MavComponent.ONBOARD_COMPUTER2)
 
     def on_application_message(self, frame: Frame, now_s: float) -> Verdict:
@@ -188,14 +206,18 @@ class Gate:
                 self._outgoing.say(f"{fault} {found[fault]}".strip(), fault)
         elif self._vehicle.taken_over is not None and self._vehicle.airborne and not self._told_taken_over:
             self._told_taken_over = True
-            self._outgoing.say(f"hands off, mode {self._vehicle.taken_over}")
+            who = "autopilot's failsafe" if self._vehicle.by_failsafe else "mode"
+            self._outgoing.say(f"hands off: {who} {self._vehicle.taken_over}", urgent=True)
         answers, self._answers = self._answers, []
         if self.airborne:
             answers += self._failsafe.due(now_s)
         if self.stage is not self._told_stage:
             self._told_stage = self.stage
             because = self._escalation.because
-            self._outgoing.say(f"{self.stage.name.lower()}: {because or 'all is well'}", because)
+            # Down and disarmed, or in other hands, nothing "is well" again: it is over.
+            if self.airborne or self.stage is not Stage.PASS:
+                why = because or ("all is well" if self.stage is Stage.PASS else "ordered")
+                self._outgoing.say(f"{self.stage.name.lower()}: {why}", because, urgent=True)
         return answers + self._outgoing.due(self.stage, self.airborne, now_s)
 
     def _notice_flight_end(self) -> None:
@@ -204,6 +226,7 @@ class Gate:
             self._vehicle.end_flight()
             self._escalation.reset()
             self._failsafe.reset()
+            self._monitor.obedience.reset()
             self._told_taken_over = False
         self._was_airborne = airborne
 
@@ -225,7 +248,7 @@ class Gate:
         if name == "COMMAND_LONG":
             return self._command(frame, fields, now_s)
         asks = name == "COMMAND_INT" and fields["command"] in allowlist.ASKING
-        listed = asks or name in allowlist.ALWAYS
+        listed = asks or name in allowlist.ALWAYS or (name == allowlist.FILES and allowlist.only_reads(frame.payload))
         return Verdict(frame.raw) if listed else Verdict(None, NOT_LISTED)
 
     def _setpoint(self, frame: Frame, fields: Fields, now_s: float) -> Verdict:
@@ -243,8 +266,10 @@ class Gate:
         if self.stage >= Stage.BRAKE:
             return Verdict(None, "setpoint while the gate stops")
         # The one after it is no better for being alike; the stage that stops them all comes with the next cycle.
-        good = now_s - self._monitor.bad_s >= EVENT_S
-        return Verdict(frame.raw if good else self._outgoing.stop(now_s))
+        if now_s - self._monitor.bad_s < EVENT_S or not isinstance(asked, VelocitySetpoint):
+            return Verdict(self._outgoing.velocity(0.0, 0.0, 0.0, now_s))
+        self._monitor.obedience.on_setpoint(asked.vx_mps, asked.vy_mps, now_s)
+        return Verdict(frame.raw)
 
     def _why_not(self, asked: VelocitySetpoint) -> str | None:
         """What speaks against a setpoint that can be read; None: nothing."""
@@ -252,6 +277,9 @@ class Gate:
         if reason is not None or asked.stands_still:
             return reason
         beat, phase = self._monitor.beat, self._monitor.phase
+        if phase is Phase.ENDING and asked.only_sinks:
+            # Where the autopilot's own landing would fly away, the application lands by setpoints.
+            return None
         if phase not in (Phase.CLIMBING, Phase.EXPLORING):
             return f"in phase {phase.name.lower()}"
         if asked.speed_mps > 0.0 and (phase is Phase.CLIMBING or beat is None or math.isnan(beat.ahead_m)):
@@ -284,13 +312,18 @@ class Gate:
                 )
             )
             return Verdict(None, "command refused")
+        if self._vehicle.lands_elsewhere(now_s) and self._lands(command, fields):
+            self._escalation.force(Stage.LAND)
+            self._outgoing.note("the autopilot's own landing would fly away: landing by setpoints")
+            return Verdict(None, "landing that would fly away")
         self._vehicle.on_command_sent(command, fields, MavComponent.ONBOARD_COMPUTER)
         return Verdict(frame.raw)
 
     def _may_move(self, command: int, fields: Fields, now_s: float) -> bool:
         """Whether a command that moves may pass now: to end a flight always, unless somebody else has the vehicle."""
         ours = self._vehicle.personality
-        if self._vehicle.taken_over is not None:
+        # After a silence the autopilot may have acted by itself, or a pilot: nobody is overruled unseen.
+        if self._vehicle.taken_over is not None or (self._vehicle.airborne and self._failsafe.link_silent(now_s)):
             return False
         if command == MavCmd.COMPONENT_ARM_DISARM:
             arms = fields["param1"] == 1.0
@@ -304,24 +337,33 @@ class Gate:
             return self.stage is Stage.PASS
         return mode == ours.land or (mode == ours.hold and self.stage < Stage.LAND)
 
+    def _lands(self, command: int, fields: Fields) -> bool:
+        ours = self._vehicle.personality
+        if command == MavCmd.NAV_LAND:
+            return True
+        return command == MavCmd.DO_SET_MODE and allowlist.mode_asked_for(ours.kind, fields) == ours.land
+
     def _may_begin(self, now_s: float) -> bool:
         return self.stage is Stage.PASS and self._monitor.beat_age_s(now_s) <= ARMING_BEAT_S
 
-    def _on_foreign_command(self, fields: Fields, frame: Frame) -> None:
-        """A command of somebody else, which may be the stop that a person at a ground station orders."""
+    def _on_foreign_command(self, fields: Fields, frame: Frame) -> bool:
+        """A command of somebody else: whether it is the stop that a person at a ground station orders.
+
+        A pause for the autopilot is one too: who presses the button of a ground station means the vehicle.
+        """
         if fields["command"] != MavCmd.DO_PAUSE_CONTINUE or fields["param1"] != 0.0:
-            return
-        if fields["target_system"] not in (0, self._plan.system_id):
-            return
-        if fields["target_component"] not in (0, MavComponent.ONBOARD_COMPUTER, MavComponent.ONBOARD_COMPUTER2):
-            return
+            return False
+        if fields["target_system"] not in (0, self._plan.system_id) or fields["target_component"] not in STOPPABLE:
+            return False
         self._monitor.stop_ordered = True
-        if fields["target_component"] == MavComponent.ONBOARD_COMPUTER2:
+        # The application answers for itself; nobody else is left who does.
+        if fields["target_component"] != MavComponent.ONBOARD_COMPUTER:
             self._answers.append(
                 self._outgoing.acknowledge(
                     MavCmd.DO_PAUSE_CONTINUE, MavResult.ACCEPTED, frame.system_id, frame.component_id
                 )
             )
+        return True
 
     def _has_token(self, now_s: float) -> bool:
         most = self._plan.thresholds.messages_hz * BURST_S

@@ -69,11 +69,23 @@ class Motion:
         """For how long positions have come that all say the same."""
         return 0.0 if self._state is None else self.fresh_s - self._changed_s
 
-    def forward_mps(self) -> float | None:
-        """Speed along the heading; None when it is not known."""
+    @property
+    def velocity_mps(self) -> tuple[float, float, float] | None:
+        """North, east, down; None before the first."""
+        return None if self._state is None else self._state[3:]
+
+    @property
+    def yaw_rad(self) -> float | None:
+        """From north towards east; None before the first."""
+        return self._yaw_rad
+
+    def forward_right_mps(self) -> tuple[float, float] | None:
+        """Speed along the heading, and to the right of it; None when it is not known."""
         if self._state is None or self._yaw_rad is None:
             return None
-        return self._state[3] * math.cos(self._yaw_rad) + self._state[4] * math.sin(self._yaw_rad)
+        north_mps, east_mps = self._state[3:5]
+        cos, sin = math.cos(self._yaw_rad), math.sin(self._yaw_rad)
+        return north_mps * cos + east_mps * sin, east_mps * cos - north_mps * sin
 
     def after(self, forward_m: float, right_m: float, down_m: float) -> tuple[float, float, float] | None:
         """North, east, down of a place given in the body's level frame; None when it is not known."""

@@ -23,6 +23,7 @@ from companion.mavlink.modes import Personality
 HEARTBEAT_S = 1.0
 TEXT_S = 0.5
 TEXTS = 8
+URGENT = 4
 TEXT_BYTES = 50
 NOTICES = 64
 
@@ -44,13 +45,20 @@ class Outgoing:
     def __init__(self, system_id: int) -> None:
         self._encoder = Encoder(system_id, MavComponent.ONBOARD_COMPUTER2)
         self._system_id = system_id
+        self._urgent: deque[str] = deque(maxlen=URGENT)
         self._texts: deque[str] = deque(maxlen=TEXTS)
         self._notices: deque[tuple[Fault | None, str]] = deque(maxlen=NOTICES)
         self._text_s = self._heartbeat_s = -math.inf
 
-    def say(self, words: str, fault: Fault | None = None) -> None:
-        """To the pilot, the log and the application; the oldest give way when nobody listens."""
-        self._texts.append(words)
+    def say(self, words: str, fault: Fault | None = None, urgent: bool = False) -> None:
+        """To the pilot, the log and the application; the oldest give way when nobody listens.
+
+        Args:
+            words: what there is to say.
+            fault: that it is about.
+            urgent: it waits for nothing that was said before: what is being done now, before what was found.
+        """
+        (self._urgent if urgent else self._texts).append(words)
         self.note(words, fault)
 
     def note(self, words: str, fault: Fault | None = None) -> None:
@@ -77,14 +85,19 @@ class Outgoing:
                     mavlink_version=MAVLINK_VERSION,
                 )
             )
+        while self._urgent:
+            self._text_s = now_s
+            sent.append(self._text(self._urgent.popleft()))
         if self._texts and now_s - self._text_s >= TEXT_S:
             self._text_s = now_s
-            words = f"gate: {self._texts.popleft()}"[:TEXT_BYTES]
-            sent.append(self._encoder.pack("STATUSTEXT", severity=MavSeverity.WARNING, text=words))
+            sent.append(self._text(self._texts.popleft()))
         return sent
 
-    def stop(self, now_s: float) -> bytes:
-        """Stand still, where it is."""
+    def _text(self, words: str) -> bytes:
+        return self._encoder.pack("STATUSTEXT", severity=MavSeverity.WARNING, text=f"gate: {words}"[:TEXT_BYTES])
+
+    def velocity(self, forward_mps: float, right_mps: float, down_mps: float, now_s: float) -> bytes:
+        """A setpoint of the gate's own, without turning."""
         return self._encoder.pack(
             "SET_POSITION_TARGET_LOCAL_NED",
             time_boot_ms=int(now_s * 1e3) & 0xFFFFFFFF,
@@ -92,6 +105,9 @@ class Outgoing:
             target_component=MavComponent.AUTOPILOT1,
             coordinate_frame=MavFrame.BODY_NED,
             type_mask=VELOCITY_AND_YAW_RATE,
+            vx=forward_mps,
+            vy=right_mps,
+            vz=down_mps,
         )
 
     def mode(self, ours: Personality, custom_mode: int) -> tuple[bytes, dict[str, float]]:

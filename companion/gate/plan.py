@@ -56,9 +56,19 @@ class Thresholds:
     map_s: float
     hang_s: float
     """An application without a beat for this long is killed."""
+    aiding_s: float
+    """The estimator's figures of merit stand still for this long."""
+    gps_s: float
+    """No position fix for this long, on a vehicle that flies by GPS."""
+    odometry_s: float
+    """No odometry through the gate for this long, where it passes."""
+    not_obeyed_mps: float
+    """Asked to stand, it must be slower."""
     hard_limit_m: float
     """Least distance ahead, from the centre of the body, at which the vehicle must have stopped."""
     battery_percent: float
+    battery_v: float | None
+    """None: the voltage is not judged."""
     messages_hz: float
     """More than this from the application is a flood."""
 
@@ -77,10 +87,15 @@ class Reaction:
 
 @dataclass(frozen=True, slots=True)
 class Stopping:
-    """How the vehicle stops: the delay until it begins to, and its deceleration."""
+    """How the vehicle stops: the delay until it begins to, its deceleration, and how far it then creeps on."""
 
     delay_s: float
     brake_mps2: float
+    creep_m: float
+
+    def distance_m(self, speed_mps: float, since_s: float = 0.0) -> float:
+        """How far it goes from a speed until its place is kept, when it is stopped ``since_s`` from now."""
+        return speed_mps * (since_s + self.delay_s) + speed_mps**2 / (2.0 * self.brake_mps2) + self.creep_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +121,7 @@ class Plan:
     Attributes:
         autopilot_url: where the flight controller is, as in the configuration.
         system_id: of the vehicle.
+        gps: whether the autopilot flies by GPS.
         period_s: of the application's ticks.
         silence_s: the autopilot's own failsafe acts when setpoints stop for this long.
         limits: of setpoints.
@@ -125,6 +141,7 @@ class Plan:
 
     autopilot_url: str
     system_id: int
+    gps: bool
     period_s: float
     silence_s: float
     limits: Limits

@@ -34,6 +34,11 @@ class VelocitySetpoint:
         return math.hypot(self.vx_mps, self.vy_mps)
 
     @property
+    def only_sinks(self) -> bool:
+        """Whether it asks for nothing but to go straight down."""
+        return self.vz_mps >= 0.0 and not (self.vx_mps or self.vy_mps or self.yaw_rate_radps)
+
+    @property
     def stands_still(self) -> bool:
         """Whether it asks for no movement at all."""
         return not (self.vx_mps or self.vy_mps or self.vz_mps or self.yaw_rate_radps)

@@ -20,6 +20,7 @@ KINDS: dict[int, AutopilotKind] = {
 }
 """MAV_AUTOPILOT of the heartbeat."""
 
-ARDUCOPTER_BRAKE_MPS2 = 0.43
-"""How ArduCopter stops. 0.5 s of silence at 0.5 m/s: 0.54 m until it stood, 0.25 m of it in the silence, so
-0.5²/(2·0.29). Pre-flight refuses settings that count on more."""
+MEASURED_BRAKE_MPS2 = 0.43
+"""How both autopilots stop under zero velocity, and when setpoints stop: 0.15 s after the order they slow down by this
+much, and from 0.3 to 0.56 m/s no measured stop was longer (PX4 0.22 m from 0.38 m/s, ArduCopter 0.35 m from 0.56 m/s),
+but for what they creep on afterwards. Pre-flight refuses settings that count on more."""

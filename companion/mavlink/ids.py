@@ -34,6 +34,8 @@ class MavAutopilot(enum.IntEnum):
 class MavState(enum.IntEnum):
     """MAV_STATE of a heartbeat."""
 
+    UNINIT = 0
+    """Says nothing of its state."""
     STANDBY = 3
     """On the ground, or in somebody else's hands."""
     ACTIVE = 4
@@ -42,6 +44,30 @@ class MavState(enum.IntEnum):
     """Flying, but something is missing."""
     EMERGENCY = 6
     """The flight is being ended because of a failure."""
+
+
+class MavChargeState(enum.IntEnum):
+    """MAV_BATTERY_CHARGE_STATE of a BATTERY_STATUS; its text is for people."""
+
+    UNDEFINED = 0
+    OK = 1
+    LOW = 2
+    CRITICAL = 3
+    EMERGENCY = 4
+    FAILED = 5
+    UNHEALTHY = 6
+    CHARGING = 7
+
+    @property
+    def is_low(self) -> bool:
+        """Whether a vehicle has to land with it: low, or worse."""
+        return MavChargeState.LOW <= self <= MavChargeState.UNHEALTHY
+
+
+class MavSysStatusSensor(enum.IntFlag):
+    """MAV_SYS_STATUS_SENSOR, in the fields ``onboard_control_sensors_...`` of a SYS_STATUS."""
+
+    PREARM_CHECK = 0x10000000
 
 
 class MavModeFlag(enum.IntFlag):
@@ -81,6 +107,8 @@ class MavCmd(enum.IntEnum):
     MISSION_START = 300
     """Sent to the application: start the flight."""
     COMPONENT_ARM_DISARM = 400
+    RUN_PREARM_CHECKS = 401
+    """ArduPilot looks anew whether it could be armed, and says what is in the way; nothing moves."""
     GET_MESSAGE_INTERVAL = 510
     SET_MESSAGE_INTERVAL = 511
     REQUEST_MESSAGE = 512

@@ -43,10 +43,14 @@ _TABLE = """
 21 PARAM_REQUEST_LIST 159: B target_system B target_component
 22 PARAM_VALUE 220: f param_value H param_count H param_index 16s param_id B param_type
 23 PARAM_SET 168: f param_value B target_system B target_component 16s param_id B param_type
+24 GPS_RAW_INT 24: Q time_usec i lat i lon i alt H eph H epv H vel H cog B fix_type B satellites_visible
+  i alt_ellipsoid I h_acc I v_acc I vel_acc I hdg_acc H yaw
 30 ATTITUDE 39: I time_boot_ms f roll f pitch f yaw f rollspeed f pitchspeed f yawspeed
 32 LOCAL_POSITION_NED 185: I time_boot_ms f x f y f z f vx f vy f vz
+33 GLOBAL_POSITION_INT 104: I time_boot_ms i lat i lon i alt i relative_alt h vx h vy h vz H hdg
 43 MISSION_REQUEST_LIST 132: B target_system B target_component B mission_type
 48 SET_GPS_GLOBAL_ORIGIN 41: i latitude i longitude i altitude B target_system Q time_usec
+49 GPS_GLOBAL_ORIGIN 39: i latitude i longitude i altitude Q time_usec
 69 MANUAL_CONTROL 243: h x h y h z h r H buttons B target H buttons2 B enabled_extensions h s h t
   h aux1 h aux2 h aux3 h aux4 h aux5 h aux6
 70 RC_CHANNELS_OVERRIDE 124: H chan1_raw H chan2_raw H chan3_raw H chan4_raw H chan5_raw H chan6_raw H chan7_raw
@@ -65,6 +69,7 @@ _TABLE = """
   f yaw_rate H type_mask B target_system B target_component B coordinate_frame
 102 VISION_POSITION_ESTIMATE 158: Q usec f x f y f z f roll f pitch f yaw 84xB reset_counter
 103 VISION_SPEED_ESTIMATE 208: Q usec f x f y f z 36xB reset_counter
+110 FILE_TRANSFER_PROTOCOL 84: B target_network B target_system B target_component 251x
 111 TIMESYNC 34: q tc1 q ts1
 147 BATTERY_STATUS 154: i current_consumed i energy_consumed h temperature 20xh current_battery B id
   B battery_function B type b battery_remaining i time_remaining B charge_state 8xB mode I fault_bitmask
@@ -79,6 +84,7 @@ _TABLE = """
 253 STATUSTEXT 83: B severity 50s text H id B chunk_seq
 331 ODOMETRY 91: Q time_usec f x f y f z 16xf vx f vy f vz f rollspeed f pitchspeed f yawspeed 168xB frame_id
   B child_frame_id B reset_counter B estimator_type b quality
+412 REQUEST_EVENT 33: H first_sequence H last_sequence B target_system B target_component
 """
 
 

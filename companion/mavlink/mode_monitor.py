@@ -49,6 +49,8 @@ class ModeMonitor:
         confirmed: whether the mode asked for last has been seen.
         taken_over: the name of the mode that somebody else chose, or `DISARMED`; None while the vehicle is ours. Set
             once, for good.
+        by_failsafe: whether the heartbeat that showed it said that the autopilot is in a failsafe: then it was the
+            autopilot's own doing, and no person's.
     """
 
     def __init__(self, kind: AutopilotKind) -> None:
@@ -57,6 +59,7 @@ class ModeMonitor:
         self.heartbeat_s = -math.inf
         self.confirmed = False
         self.taken_over: str | None = None
+        self.by_failsafe = False
         self._kind = kind
         self._request: _Request | None = None
         self._requests = 0
@@ -91,8 +94,15 @@ class ModeMonitor:
         self._request = _Request(self._request.before, frozenset(), False, self._request.was_armed)
         self.confirmed = True
 
-    def on_heartbeat(self, custom_mode: int, armed: bool, received_s: float) -> None:
-        """Judge one heartbeat. Each may be handed in more than once; one from the past is judged but not the newest."""
+    def on_heartbeat(self, custom_mode: int, armed: bool, received_s: float, critical: bool = False) -> None:
+        """Judge one heartbeat. Each may be handed in more than once; one from the past is judged but not the newest.
+
+        Args:
+            custom_mode: as the heartbeat has it.
+            armed: whether it says so.
+            received_s: when it came.
+            critical: whether its ``system_status`` says that the autopilot is in a failsafe.
+        """
         if received_s >= self.heartbeat_s:
             self.mode, self.armed, self.heartbeat_s = custom_mode, armed, received_s
         request = self._request
@@ -107,3 +117,4 @@ class ModeMonitor:
             self.confirmed = True
         elif self.confirmed or custom_mode not in request.before:
             self.taken_over = mode_name(self._kind, custom_mode)
+            self.by_failsafe = critical

@@ -60,7 +60,7 @@ def _schema(title: str, **properties: str | list[str]) -> dict[str, Any]:
 
 
 _NUMBER: list[str] = ["number", "null"]
-COMMANDED = ("speed_mps", "climb_mps", "yaw_rate_radps")
+COMMANDED = ("speed_mps", "climb_mps", "yaw_rate_radps", "lateral_mps")
 MEASURED = ("h_m", "roof_m", "d_m", "d_bearing_rad", "d_front_m", "d_dot_mps", "ground_slope")
 TICK_SCHEMA = _schema(
     "companion.Tick",

@@ -20,6 +20,7 @@ from companion.config.settings import Settings
 from companion.errors import InputError
 from companion.pipeline import Explorer
 from companion.recording import Recording, open_recording
+from companion.recording.channels import COMMANDED
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +80,7 @@ def replay(path: Path, settings: Settings | None = None) -> Replay:
         now = explorer.step(observation).setpoint
         if then.setpoint is None:
             continue
-        off = np.abs(np.subtract((now.speed_mps, now.climb_mps, now.yaw_rate_radps), then.setpoint))
+        off = np.abs(np.subtract([getattr(now, name) for name in COMMANDED], then.setpoint))
         compared += 1
         if np.any(off != 0.0) or explorer.navigator.status.mode != then.mode:
             differing += 1
@@ -92,7 +93,7 @@ def replay(path: Path, settings: Settings | None = None) -> Replay:
 class _Then:
     """What the navigator said then."""
 
-    setpoint: tuple[float, float, float] | None
+    setpoint: tuple[float, ...] | None
     mode: str
     height_m: float
 
@@ -101,8 +102,10 @@ def _then(tick: dict[str, Any]) -> _Then | None:
     """The recorded decision; ``None`` when the navigator was not asked."""
     if not tick["stepped"]:
         return None
-    wanted = tuple(tick[name] for name in ("speed_mps", "climb_mps", "yaw_rate_radps"))
-    setpoint = None if wanted[0] is None else (float(wanted[0]), float(wanted[1]), float(wanted[2]))
+    # What was recorded before setpoints had a part to the left asked for none.
+    told = {"lateral_mps": 0.0, **tick}
+    wanted = [told[name] for name in COMMANDED]
+    setpoint = None if wanted[0] is None else tuple(map(float, wanted))
     return _Then(setpoint, str(tick["mode"]), float(tick["wanted_height_m"]))
 
 

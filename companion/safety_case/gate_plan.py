@@ -30,6 +30,7 @@ def to_plan(
     return Plan(
         autopilot_url=settings.autopilot.url,
         system_id=settings.autopilot.system_id,
+        gps=settings.autopilot.gps,
         period_s=control.period_s,
         silence_s=settings.autopilot.silence_s,
         limits=safety.effective_limits(control),
@@ -52,8 +53,13 @@ def to_plan(
             link_s=safety.stale.link_s,
             map_s=safety.stale.map_s,
             hang_s=safety.stale.hang_s,
+            aiding_s=safety.stale.aiding_s,
+            gps_s=safety.stale.gps_s,
+            odometry_s=safety.stale.odometry_s,
+            not_obeyed_mps=safety.not_obeyed_mps,
             hard_limit_m=settings.hard_limit_m,
             battery_percent=safety.battery_percent,
+            battery_v=safety.battery_v,
             messages_hz=safety.messages_hz,
         ),
         reactions={
@@ -61,7 +67,7 @@ def to_plan(
             for fault, reaction in safety.reactions.by_fault().items()
         },
         recover_s=safety.recover_s,
-        stopping=Stopping(safety.autopilot_delay_s, control.governor.brake_mps2),
+        stopping=Stopping(safety.autopilot_delay_s, control.governor.brake_mps2, safety.creep_m),
         attached=tuple(Attached(one.url, one.may) for one in safety.attached),
         signing=None if key_file is None else Signing(key_file, safety.signing.link_id),
         command=command,

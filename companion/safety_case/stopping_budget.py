@@ -1,30 +1,53 @@
 """The stopping budget: for every fault, how far the vehicle still goes, and whether a wall is nearer than that. Pure.
 
-The distance is v·(detection + reaction + autopilot) + v²/(2·brake). It is held against the distance to a wall straight
-ahead at which the law still allows the speed v; a fault strikes at the last moment before the law would have slowed.
+The distance is v·(detection + reaction + autopilot) + v²/(2·brake) + creep. It is held against the distance to a wall
+straight ahead at which the law still allows the speed v; a fault strikes at the last moment before the law would have
+slowed.
 
 One fault at a time: while one input fails, the others are as fresh as they should be. The exception are faults of the
 application. One process fetches the poses and sends the setpoints, so what delays one delays the other: there the pose
 is counted as old as the gate lets it be.
+
+A vehicle that does not obey (`Fault.NOT_OBEYED`) has no line: nothing that is asked of it bounds what it does.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from typing import NamedTuple
 
 from companion.gate.faults import Fault, Stage
 from companion.gate.plan import CYCLE_S, Plan
-from companion.mavlink.firmware import ARDUCOPTER_BRAKE_MPS2
+from companion.mavlink.firmware import MEASURED_BRAKE_MPS2
 
 SILENCE_EXTRA_S = 0.12
 """PX4 acted 0.03 to 0.12 s after its COM_OF_LOSS_T; ArduCopter no later than that after its GUID_TIMEOUT."""
-FAILSAFE_BRAKE_MPS2 = ARDUCOPTER_BRAKE_MPS2
-"""How the autopilots stop by themselves, whichever it is: PX4 stopped in 0.4 m and brakes harder."""
+FAILSAFE_BRAKE_MPS2 = MEASURED_BRAKE_MPS2
+"""How the autopilots stop by themselves when setpoints stop, whichever it is."""
+MODE_BRAKE_MPS2, MODE_CREEP_M = 0.38, 0.21
+"""How they stop when they are ordered to hold or to land: PX4 from 0.4 m/s stood after 0.27 m and went on to 0.48 m."""
+
+DRIFT_MPS = 0.2
+"""How fast the place drifts that nothing measures any more: ArduCopter was measured to drift at 0.1 to 0.17 m/s."""
 
 LAW_FLIES = frozenset({Fault.HEARTBEAT_LOST, Fault.FENCE, Fault.BATTERY, Fault.GROUND_STOP, Fault.MAP, Fault.FLOOD})
 """Faults that leave the law all that it needs: until they are noticed it keeps its distance by itself, so that only the
 stop counts. A flood is one of them because what is too much is dropped."""
+
+
+class Noticed(NamedTuple):
+    """How soon a fault is noticed.
+
+    Attributes:
+        after_s: from the last moment at which the law knew where the wall is.
+        keys: the settings that decide it.
+        drifts_s: how long it drifts until then, while the law goes on by what it sees.
+    """
+
+    after_s: float
+    keys: tuple[str, ...] = ()
+    drifts_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +110,7 @@ class Case:
         reaction_s: until the first stop is on the wire.
         autopilot_s: until the vehicle begins to brake.
         brake_mps2: its deceleration.
+        creep_m: how far it goes on after it has braked until its place is kept.
         stops: whether it is answered by stopping; else the pilot is told, and nothing else here counts.
     """
 
@@ -96,6 +120,7 @@ class Case:
     reaction_s: float
     autopilot_s: float
     brake_mps2: float
+    creep_m: float
     stops: bool
 
     @property
@@ -132,7 +157,7 @@ class BudgetLine(Case):
 
 
 def stopping_budget(plan: Plan, basis: Basis) -> tuple[BudgetLine, ...]:
-    """One line for each fault, and for the three ways to lose the gate itself, each at its own worst speed."""
+    """A line for each fault that can be bounded, and for the three ways to lose the gate, each at its worst speed."""
     return tuple(
         min((_line(case, speed_mps, plan, basis) for speed_mps in _speeds(case, plan, basis)), key=_remaining)
         for case in _cases(plan, basis)
@@ -158,7 +183,7 @@ def _speeds(case: Case, plan: Plan, basis: Basis) -> Iterator[float]:
 
 
 def _line(case: Case, speed_mps: float, plan: Plan, basis: Basis) -> BudgetLine:
-    distance_m = speed_mps * case.delay_s + speed_mps**2 / (2.0 * case.brake_mps2)
+    distance_m = speed_mps * case.delay_s + speed_mps**2 / (2.0 * case.brake_mps2) + case.creep_m
     if case.at_hard_limit:
         allowed_m = _hard_limit_m(plan, speed_mps)
     else:
@@ -177,9 +202,7 @@ def _hard_limit_m(plan: Plan, speed_mps: float) -> float:
 
     How long ago the application measured the distance, the gate adds itself.
     """
-    stop = plan.stopping
-    ahead_s = stop.delay_s + 2.0 * plan.period_s
-    return plan.thresholds.hard_limit_m + speed_mps * ahead_s + speed_mps**2 / (2.0 * stop.brake_mps2)
+    return plan.thresholds.hard_limit_m + plan.stopping.distance_m(speed_mps, 2.0 * plan.period_s)
 
 
 def _cases(plan: Plan, basis: Basis) -> Iterator[Case]:
@@ -187,35 +210,41 @@ def _cases(plan: Plan, basis: Basis) -> Iterator[Case]:
     # The gate looks every cycle. One more period because a single stop may be lost on the way.
     reaction_s = CYCLE_S + plan.period_s
     # A vehicle that brakes worse than the autopilots were measured to does so in their failsafe too.
-    failsafe_mps2 = min(FAILSAFE_BRAKE_MPS2, plan.stopping.brake_mps2)
-    detection: dict[Fault, tuple[float, tuple[str, ...]]] = {
-        Fault.SETPOINT_LATE: (limit.setpoint_s + limit.pose_s, (stale + "setpoint_s", stale + "pose_s")),
+    stop = plan.stopping
+    failsafe_mps2 = min(FAILSAFE_BRAKE_MPS2, stop.brake_mps2)
+    noticed = {
+        Fault.SETPOINT_LATE: Noticed(limit.setpoint_s + limit.pose_s, (stale + "setpoint_s", stale + "pose_s")),
         # Never sent on; what went before it is a period old at most.
-        Fault.SETPOINT_BAD: (plan.period_s + limit.pose_s, (stale + "pose_s",)),
-        Fault.BEAT_LATE: (limit.beat_s + limit.pose_s, (stale + "beat_s", stale + "pose_s")),
+        Fault.SETPOINT_BAD: Noticed(plan.period_s + limit.pose_s, (stale + "pose_s",)),
+        Fault.BEAT_LATE: Noticed(limit.beat_s + limit.pose_s, (stale + "beat_s", stale + "pose_s")),
         # Counts from the exposure: nothing is granted for walls that were in view before.
-        Fault.DEPTH_STALE: (limit.depth_s, (stale + "depth_s",)),
-        Fault.RANGES_STALE: (limit.ranges_s, (stale + "ranges_s",)),
-        Fault.POSE_STALE: (limit.pose_s, (stale + "pose_s",)),
-        Fault.POSE_JUMP: (basis.pose_fresh_s, ("autopilot.position_hz",)),
-        Fault.POSE_FROZEN: (limit.pose_frozen_s + basis.pose_fresh_s, ("safety.pose.frozen_s",)),
-        Fault.ESTIMATOR: (basis.estimator_period_s + basis.pose_fresh_s, ("autopilot.position_hz",)),
-        Fault.LINK_LOST: (limit.link_s, (stale + "link_s",)),
-        Fault.DISTANCE: (basis.pose_fresh_s, ("safety.distance.hard_limit_m",)),
+        Fault.DEPTH_STALE: Noticed(limit.depth_s, (stale + "depth_s",)),
+        Fault.RANGES_STALE: Noticed(limit.ranges_s, (stale + "ranges_s",)),
+        Fault.POSE_STALE: Noticed(limit.pose_s, (stale + "pose_s",)),
+        Fault.POSE_JUMP: Noticed(basis.pose_fresh_s, ("autopilot.position_hz",)),
+        Fault.POSE_FROZEN: Noticed(limit.pose_frozen_s + basis.pose_fresh_s, ("safety.pose.frozen_s",)),
+        Fault.ESTIMATOR: Noticed(basis.estimator_period_s + basis.pose_fresh_s, ("autopilot.position_hz",)),
+        # What is straight ahead is in view, and measured from the body: only what the place drifts is lost.
+        Fault.AIDING_LOST: Noticed(0.0, (stale + "aiding_s",), limit.aiding_s + basis.estimator_period_s),
+        Fault.GPS_LOST: Noticed(0.0, (stale + "gps_s",), limit.gps_s),
+        Fault.ODOMETRY_SILENT: Noticed(0.0, (stale + "odometry_s",), limit.odometry_s),
+        Fault.LINK_LOST: Noticed(limit.link_s, (stale + "link_s",)),
+        Fault.DISTANCE: Noticed(basis.pose_fresh_s, ("safety.distance.hard_limit_m",)),
         # The end of a process is noticed in the next cycle; one that hangs is BEAT_LATE.
-        Fault.APPLICATION: (plan.period_s + limit.pose_s, (stale + "pose_s",)),
-    } | dict.fromkeys(LAW_FLIES, (0.0, ()))
-    for fault in Fault:
-        first = plan.reactions[fault].first
-        detection_s, keys = detection[fault]
+        Fault.APPLICATION: Noticed(plan.period_s + limit.pose_s, (stale + "pose_s",)),
+    } | dict.fromkeys(LAW_FLIES, Noticed(0.0))
+    for fault in (fault for fault in Fault if fault is not Fault.NOT_OBEYED):
+        first, found = plan.reactions[fault].first, noticed[fault]
         yield Case(
             fault=fault.value,
-            keys=keys,
-            detection_s=detection_s,
+            keys=found.keys,
+            detection_s=found.after_s,
             reaction_s=reaction_s,
-            autopilot_s=plan.stopping.delay_s,
+            autopilot_s=stop.delay_s,
             # To hold and to land the autopilot brakes in its own way.
-            brake_mps2=plan.stopping.brake_mps2 if first is Stage.BRAKE else failsafe_mps2,
+            brake_mps2=min(stop.brake_mps2, MODE_BRAKE_MPS2) if first >= Stage.HOLD else stop.brake_mps2,
+            creep_m=(max(stop.creep_m, MODE_CREEP_M) if first >= Stage.HOLD else stop.creep_m)
+            + DRIFT_MPS * found.drifts_s,
             stops=first is not Stage.PASS,
         )
     for name in ("gate killed", "computer dead", "link cut"):
@@ -226,5 +255,6 @@ def _cases(plan: Plan, basis: Basis) -> Iterator[Case]:
             reaction_s=0.0,
             autopilot_s=0.0,
             brake_mps2=failsafe_mps2,
+            creep_m=stop.creep_m,
             stops=True,
         )

@@ -20,6 +20,10 @@ _WATCHED: dict[Fault, tuple[str, str]] = {
     Fault.POSE_JUMP: ("safety.pose.jump_m", "m"),
     Fault.POSE_FROZEN: ("safety.pose.frozen_s", "s"),
     Fault.ESTIMATOR: ("the autopilot's own flags", ""),
+    Fault.AIDING_LOST: ("safety.stale.aiding_s", "s"),
+    Fault.GPS_LOST: ("safety.stale.gps_s", "s"),
+    Fault.ODOMETRY_SILENT: ("safety.stale.odometry_s", "s"),
+    Fault.NOT_OBEYED: ("safety.not_obeyed_mps", "m/s"),
     Fault.HEARTBEAT_LOST: ("safety.stale.heartbeat_s", "s"),
     Fault.LINK_LOST: ("safety.stale.link_s", "s"),
     Fault.DISTANCE: ("safety.distance.hard_limit_m", "m"),
@@ -38,15 +42,19 @@ def render_budget(lines: Sequence[BudgetLine], settings: Settings) -> str:
     control, body_m = settings.control, settings.vehicle.body_radius_m
     speed_mps = settings.safety.effective_limits(control).speed_mps
     rows = [_budget_row(line, settings) for line in lines]
-    header = ("fault", "speed", "detection", "reaction", "autopilot", "brake", "from", "distance", "stands at", "left")
-    units = ("", "m/s", "s", "s", "s", "m/s²", "m", "m", "m", "m")
+    header = (
+        "fault", "speed", "detection", "reaction", "autopilot",
+        "brake", "creep", "from", "distance", "stands at", "left",
+    )  # fmt: skip
+    units = ("", "m/s", "s", "s", "s", "m/s²", "m", "m", "m", "m", "m")
     stopping = [line for line in lines if line.stops]
     least = min(stopping, key=lambda line: line.remaining_m)
     reaching = [line.fault for line in stopping if line.reaches_wall]
     meaning = (
         "Straight at a wall, at the worst speed up to what the gate lets pass, "
         f"{speed_mps:g} m/s. From: distance to the wall when the fault strikes; stands at: when the vehicle stands; "
-        "both from the middle of the body. Left: between body and wall."
+        "both from the middle of the body. Left: between body and wall. A vehicle that does not obey is bounded by "
+        "nothing."
     )
     result = [
         f"d_s = {control.margin_m:g} m, d_c = {control.critical_margin_m:g} m, hard limit = "
@@ -60,12 +68,13 @@ def render_budget(lines: Sequence[BudgetLine], settings: Settings) -> str:
 
 def _budget_row(line: BudgetLine, settings: Settings) -> tuple[str, ...]:
     if not line.stops:
-        return (line.fault, *["-"] * 8, "only told")
+        return (line.fault, *["-"] * 9, "only told")
     control, stands_at_m = settings.control, line.allowed_m - line.distance_m
     within = "WALL" if line.reaches_wall else ""
     if not within and stands_at_m < control.margin_m:
         within = "< d_c" if stands_at_m < control.critical_margin_m else "< d_s"
-    numbers = (line.detection_s, line.reaction_s, line.autopilot_s, line.brake_mps2, line.allowed_m, line.distance_m)
+    delays_s = line.detection_s, line.reaction_s, line.autopilot_s
+    numbers = *delays_s, line.brake_mps2, line.creep_m, line.allowed_m, line.distance_m
     return (
         line.fault,
         f"{line.speed_mps:.2f}",

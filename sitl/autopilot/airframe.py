@@ -25,12 +25,7 @@ _MAX_ACCELERATION_MPS2 = 3.0
 _MAX_CLIMB_ACCELERATION_MPS2 = 2.0
 _MAX_YAW_ACCELERATION_RADPS2 = 3.0
 _HARD_LANDING_MPS = 2.0
-
-CELLS = 4
-_FULL_V, _EMPTY_V = 4.2, 3.4
-
-_IDLE_SHARE = 0.05
-"""Of the power of flight, what the electronics need on the ground."""
+_TURNING_RADPS = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,13 +69,18 @@ def inside(caster: RayCaster, body_radius_m: float, stand_m: float) -> Surroundi
 class Motion:
     """The demand on the inner loops: velocity in the true world frame, and yaw rate.
 
-    ``held`` says that a position loop stands above them, which leaves nothing of the slow disturbance.
+    Attributes:
+        stop_s: how far it goes on per speed when the demand is zero: the time constant of the horizontal response.
+        creep_mps: how it goes on although the demand is less, x and y.
+        held: a position loop stands above them, which leaves nothing of the slow disturbance.
     """
 
     vx_mps: float = 0.0
     vy_mps: float = 0.0
     vz_mps: float = 0.0
     yaw_rate_radps: float = 0.0
+    stop_s: float = 1.0
+    creep_mps: tuple[float, float] = (0.0, 0.0)
     held: bool = False
 
 
@@ -90,9 +90,9 @@ class Airframe:
     Args:
         start: where it stands; its height becomes that of the ground.
         surroundings: ground and walls.
-        natural_radps: natural frequency of the horizontal velocity response.
-        damping: its damping ratio.
+        damping: damping ratio of the horizontal velocity response.
         drift_mps: standard deviation of the slow disturbance of each velocity axis.
+        turning_drift: by how much that is more while it turns.
         rng: for the disturbance.
     """
 
@@ -100,15 +100,15 @@ class Airframe:
         self,
         start: Pose,
         surroundings: Surroundings,
-        natural_radps: float,
         damping: float,
         drift_mps: float,
+        turning_drift: float,
         rng: np.random.Generator,
     ) -> None:
         self._surroundings = surroundings
-        self._natural_radps = natural_radps
         self._damping = damping
         self._drift_mps = drift_mps
+        self._turning_drift = turning_drift
         self._rng = rng
         self._disturbance = [0.0, 0.0, 0.0]
         self._ax_mps2 = 0.0
@@ -167,8 +167,11 @@ class Airframe:
         old = self.pose
         self._disturb(dt_s)
         px, py, pz = (0.0, 0.0, 0.0) if motion.held else self._disturbance
-        self._ax_mps2 = self._pushed(self._ax_mps2, motion.vx_mps + px - old.vx_mps, dt_s)
-        self._ay_mps2 = self._pushed(self._ay_mps2, motion.vy_mps + py - old.vy_mps, dt_s)
+        more = self._turning_drift if abs(old.yaw_rate_radps) > _TURNING_RADPS else 1.0
+        natural_radps = 2.0 * self._damping / motion.stop_s
+        px, py = more * (px + motion.creep_mps[0]), more * (py + motion.creep_mps[1])
+        self._ax_mps2 = self._pushed(self._ax_mps2, natural_radps, motion.vx_mps + px - old.vx_mps, dt_s)
+        self._ay_mps2 = self._pushed(self._ay_mps2, natural_radps, motion.vy_mps + py - old.vy_mps, dt_s)
         vx_mps = old.vx_mps + self._ax_mps2 * dt_s
         vy_mps = old.vy_mps + self._ay_mps2 * dt_s
         vz_mps = follow(old.vz_mps, motion.vz_mps + pz, _CLIMB_LAG_S, _MAX_CLIMB_ACCELERATION_MPS2, dt_s)
@@ -194,9 +197,8 @@ class Airframe:
             yaw_rate_radps=yaw_rate_radps,
         )
 
-    def _pushed(self, acceleration_mps2: float, missing_mps: float, dt_s: float) -> float:
+    def _pushed(self, acceleration_mps2: float, w: float, missing_mps: float, dt_s: float) -> float:
         """The acceleration one step later: v'' = w^2 (wanted - v) - 2 d w v'."""
-        w = self._natural_radps
         jerk_mps3 = w * w * missing_mps - 2.0 * self._damping * w * acceleration_mps2
         return max(-_MAX_ACCELERATION_MPS2, min(_MAX_ACCELERATION_MPS2, acceleration_mps2 + jerk_mps3 * dt_s))
 
@@ -243,31 +245,3 @@ class Airframe:
         push = self._drift_mps * math.sqrt(1.0 - keep * keep)
         fresh = self._rng.normal(size=3).tolist()
         self._disturbance = [keep * x + push * y for x, y in zip(self._disturbance, fresh, strict=True)]
-
-
-class Battery:
-    """A linear battery.
-
-    Args:
-        percent: charge at the start.
-        minutes: of flight from full to empty.
-    """
-
-    def __init__(self, percent: float = 100.0, minutes: float = 15.0) -> None:
-        self.percent = percent
-        self._percent_per_s = 100.0 / (60.0 * minutes)
-
-    @property
-    def cell_v(self) -> float:
-        """Voltage of one cell."""
-        return _EMPTY_V + (_FULL_V - _EMPTY_V) * self.percent / 100.0
-
-    @property
-    def voltage_v(self) -> float:
-        """Voltage of all cells."""
-        return CELLS * self.cell_v
-
-    def step(self, dt_s: float, flying: bool) -> None:
-        """Drains for ``dt_s``."""
-        share = 1.0 if flying else _IDLE_SHARE
-        self.percent = max(0.0, self.percent - share * self._percent_per_s * dt_s)

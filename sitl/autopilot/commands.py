@@ -10,7 +10,8 @@ from sitl.autopilot.mavlink import MESSAGE_NAMES, Message
 from sitl.autopilot.mavlink import dialect as m
 from sitl.autopilot.personality import Personality
 from sitl.autopilot.state import State
-from sitl.autopilot.telemetry import Streams, Telemetry
+from sitl.autopilot.streams import Streams
+from sitl.autopilot.telemetry import Telemetry
 
 _FORCE = 21196.0
 """Parameter 2 of an arming command that skips the checks."""
@@ -19,11 +20,15 @@ _DONE = m.MAV_RESULT_ACCEPTED
 
 @dataclass(slots=True)
 class Answer:
-    """The result, and messages that were asked for."""
+    """The result, and messages that were asked for.
+
+    ``received``: it is acknowledged when it has been received, and its result follows.
+    """
 
     result: int
     messages: list[Message]
     reboot: bool = False
+    received: bool = False
 
 
 class Commands:
@@ -42,8 +47,8 @@ class Commands:
         self._streams = streams
         self._telemetry = telemetry
 
-    def do(self, command: int, parameters: list[float]) -> Answer:
-        """Carries out one command, with its parameters 1 to 7 (NaN where not given)."""
+    def do(self, command: int, parameters: list[float], source: int) -> Answer:
+        """Carries out one command of component ``source``, with its parameters 1 to 7 (NaN where not given)."""
         if command == m.MAV_CMD_SET_MESSAGE_INTERVAL:
             return Answer(self._set_interval(parameters), [])
         if command == m.MAV_CMD_GET_MESSAGE_INTERVAL:
@@ -56,68 +61,85 @@ class Commands:
             if self._state.armed:
                 return Answer(self._personality.refuses_reboot, [])
             return Answer(_DONE, [], reboot=parameters[0] == 1.0)
-        return Answer(self._fly(command, parameters), [])
+        twice = command == m.MAV_CMD_DO_SET_MODE and self._personality.acknowledges_twice
+        return Answer(self._fly(command, parameters, source), [], received=twice)
 
-    def set_mode(self, custom_mode: int | None) -> int:
-        """Changes the mode; the MAV_RESULT."""
-        mode = None if custom_mode is None else self._personality.mode(custom_mode)
-        if mode is None:
+    def set_mode(self, custom_mode: int | None, source: int | None) -> int:
+        """Changes the mode, as component ``source`` asks; the MAV_RESULT."""
+        if custom_mode is None:
             return int(m.MAV_RESULT_DENIED)
+        mode = self._personality.mode(custom_mode)
+        if mode is None:
+            return self._personality.unknown_mode(self._state, custom_mode)
         if mode is self._state.mode and self._state.failsafe is None:
             return int(_DONE)
         refusal = self._personality.mode_refusal(self._state, mode)
         if refusal is not None:
-            self._state.say(MavSeverity.CRITICAL, refusal)
+            self._personality.tell_mode_refused(self._state, mode, refusal, source)
             return self._personality.refused
         self._state.enter(mode)
         return int(_DONE)
 
-    def _fly(self, command: int, parameters: list[float]) -> int:
+    def _fly(self, command: int, parameters: list[float], source: int) -> int:
         modes, personality = self._personality.modes, self._personality
         if command == m.MAV_CMD_COMPONENT_ARM_DISARM:
             return self._arm(parameters[0], forced=parameters[1] == _FORCE)
         if command == m.MAV_CMD_NAV_TAKEOFF:
-            refusal = personality.take_off(self._state, parameters[6])
-            if refusal is None:
-                return int(_DONE)
-            self._state.say(MavSeverity.CRITICAL, refusal)
-            return personality.refused
+            took_off = personality.take_off(self._state, parameters[6])
+            return int(_DONE) if took_off else personality.refused
         if command == m.MAV_CMD_NAV_LAND:
-            return self.set_mode(modes[personality.land_mode].custom_mode)
+            return self.set_mode(modes[personality.land_mode].custom_mode, None)
         if command == m.MAV_CMD_NAV_RETURN_TO_LAUNCH:
-            name = "AUTO.RTL" if "AUTO.RTL" in modes else "RTL"
-            return self.set_mode(modes[name].custom_mode)
+            return self.set_mode(modes[personality.return_mode].custom_mode, None)
+        if command == m.MAV_CMD_DO_PAUSE_CONTINUE and personality.pauses:
+            return self._pause(parameters[0])
         if command == m.MAV_CMD_DO_SET_MODE:
             if not math.isfinite(parameters[0]) or not int(parameters[0]) & m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
                 return int(m.MAV_RESULT_DENIED)
-            return self.set_mode(personality.custom_mode(parameters[1], _or_zero(parameters[2])))
+            return self.set_mode(personality.custom_mode(parameters[1], _or_zero(parameters[2])), source)
         return int(m.MAV_RESULT_UNSUPPORTED)
 
     def _arm(self, wanted: float, forced: bool) -> int:
         state = self._state
         if wanted == 0.0:
-            if state.flying and not forced:
-                state.say(MavSeverity.CRITICAL, "Disarming denied: not landed")
+            if not state.landed and not forced:
+                self._personality.disarming_refused(state)
                 return self._personality.refused
             if state.armed:
-                state.disarm("Disarmed by external command")
+                state.disarm(self._personality.disarmed_text)
             return int(_DONE)
         if wanted != 1.0:
             return int(m.MAV_RESULT_UNSUPPORTED)
         if state.armed:
             return int(_DONE)
-        refusal = "Arming denied: crashed" if state.airframe.crashed else self._personality.arming_refusal(state)
-        if refusal is not None and (not forced or state.airframe.crashed):
-            state.say(MavSeverity.CRITICAL, refusal)
+        refusals = self._personality.arming_refusals(state)
+        if refusals and (not forced or state.airframe.crashed):
+            for refusal in refusals:
+                state.say(MavSeverity.CRITICAL, refusal)
+            self._personality.tell_arming_refused(state)
             return self._personality.refused
+        pose = state.estimator.pose
         state.armed, state.armed_s, state.flown, state.on_ground_s = True, state.t_s, False, 0.0
-        state.hold_m, state.takeoff_s, state.takeoff_suppressed = None, None, False
-        state.say(MavSeverity.INFO, "Armed by external command")
+        state.home_m = pose.x_m, pose.y_m, pose.z_m
+        state.settle()
+        state.say(MavSeverity.INFO, self._personality.armed_text)
+        return int(_DONE)
+
+    def _pause(self, wanted: float) -> int:
+        """A ground station's pause: the mode stays, and its setpoints count again on continue."""
+        if wanted not in (0.0, 1.0):
+            return int(m.MAV_RESULT_DENIED)
+        if self._state.mode.name != self._personality.setpoint_mode:
+            return int(m.MAV_RESULT_FAILED)
+        self._state.paused, self._state.hold_m = wanted == 0.0, None
         return int(_DONE)
 
     def _set_interval(self, parameters: list[float]) -> int:
         name = _name(parameters[0])
         if name is None or not self._has(name) or not math.isfinite(parameters[1]):
+            words = self._personality.no_such_message
+            if words is not None and math.isfinite(parameters[0]):
+                self._state.say(MavSeverity.INFO, words.format(int(parameters[0]) & 0xFFFFFF))
             return self._personality.refuses_interval
         self._streams.set_interval_us(name, parameters[1], self._state.t_s)
         return int(_DONE)

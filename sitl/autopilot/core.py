@@ -11,9 +11,11 @@ import numpy as np
 
 from companion.mavlink.ids import MavSeverity
 from companion.model import Pose
-from sitl.autopilot.airframe import Airframe, Battery, Surroundings, flat
+from sitl.autopilot.airframe import Airframe, Surroundings, flat
+from sitl.autopilot.battery import Battery
 from sitl.autopilot.commands import Commands
 from sitl.autopilot.estimator import Estimator
+from sitl.autopilot.events import FIRST_SEQUENCE, event_message
 from sitl.autopilot.guidance import motion
 from sitl.autopilot.inbox import Inbox
 from sitl.autopilot.mavlink import Message
@@ -22,15 +24,17 @@ from sitl.autopilot.origin import to_global
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.personality import Personality
 from sitl.autopilot.state import Mode, State
-from sitl.autopilot.telemetry import Streams, Telemetry
+from sitl.autopilot.streams import Streams
+from sitl.autopilot.telemetry import Telemetry
 
 STEP_S = 0.01
 """The vehicle's own step."""
 _CATCH_UP_S = 0.5
 """After a pause longer than this, time jumps: the vehicle does not fly what it missed."""
 _PARAMETERS_PER_STEP = 4
-_EMPTY_PERCENT = 0.5
 _TEXT_BYTES = 50
+_LANDED_S = 1.0
+"""So long on the ground, and the land detector believes it."""
 
 
 class Autopilot:
@@ -74,8 +78,9 @@ class Autopilot:
         self._gps = gps
         self._hurry = 1.0 if boot_s is None else boot_s / personality.ready_s
         self._rng = np.random.default_rng(seed)
-        battery = Battery(battery_percent, battery_minutes)
-        own = Parameters(personality.parameters, personality.encoding, personality.integer)
+        cells, capacity_mah = personality.numbers.cells, personality.numbers.capacity_mah
+        battery = Battery(battery_percent, battery_minutes, cells, capacity_mah)
+        own = Parameters(personality.parameters, personality.encoding, personality.integer, personality.kinds)
         for name, value in ({} if gps else personality.no_gps_parameters).items():
             own.set(name, value)
         for name, value in (parameters or {}).items():
@@ -84,17 +89,21 @@ class Autopilot:
 
     def _boot(self, start: Pose, t_s: float, own: Parameters, battery: Battery, counts: Counter[str]) -> None:
         personality, numbers = self.personality, self.personality.numbers
-        inertia = numbers.natural_radps, numbers.damping, numbers.drift_mps
+        battery.boot()
+        inertia = numbers.damping, numbers.drift_mps, numbers.turning_drift
         airframe = Airframe(replace(start, t_s=t_s), self._surroundings, *inertia, self._rng)
-        estimator = Estimator(airframe.pose, numbers.blind_drift_mps2, self._rng)
+        estimator = Estimator(airframe.pose, numbers.blind_drift_mps2, numbers.blind_mps, self._rng)
         mode = personality.modes[personality.boot_mode]
         self.state = State(t_s, t_s, own, airframe, estimator, battery, mode, self._gps, self._hurry, counts=counts)
+        self.state.transmitter_on = personality.transmitter_at_boot
+        self._watch = personality.new_watch()
         self._telemetry = Telemetry(personality, self.state, self.system_id)
         self._streams = Streams(personality.rates_hz, t_s)
         commands = Commands(personality, self.state, self._streams, self._telemetry)
         self._inbox = Inbox(personality, self.state, commands, self.system_id)
         self._sync_next_s = t_s
         self._texts_in_pieces = 0
+        self._events = FIRST_SEQUENCE
 
     @property
     def pose(self) -> Pose:
@@ -106,10 +115,16 @@ class Autopilot:
         """The mode that the heartbeat shows."""
         return self.state.shown
 
-    def receive(self, message: Message, t_s: float) -> list[Message]:
-        """Takes one message that arrived at ``t_s``; what is wrong with it is counted in ``state.counts``."""
+    def receive(self, message: Message, t_s: float, routed: bool = False) -> list[Message]:
+        """Takes one message that arrived at ``t_s``; what is wrong with it is counted in ``state.counts``.
+
+        Args:
+            message: any message.
+            t_s: when it came.
+            routed: it went on to the component that it is for.
+        """
         self.state.t_s = max(self.state.t_s, t_s)
-        answers = self._inbox.take(message)
+        answers = self._inbox.take(message, routed)
         if self._inbox.reboot:
             state = self.state
             self._boot(self.pose, state.t_s, state.parameters, state.battery, state.counts)
@@ -128,47 +143,65 @@ class Autopilot:
 
     def pilot_takes_over(self) -> None:
         """A pilot's switch: the transmitter is there, and its mode is taken whatever was flown before."""
-        self.state.transmitter = True
+        self.set_transmitter(True)
         self.state.enter(self.personality.modes[self.personality.pilot_mode])
+
+    def set_transmitter(self, on: bool) -> None:
+        """Switches the transmitter on, its sticks in the middle, or off."""
+        self.state.transmitter_on = on
+        if on:
+            self.state.transmitter.heard(self.state.t_s)
 
     def set_gps(self, present: bool) -> None:
         """Covers or uncovers the GPS antenna."""
         self._gps = self.state.gps_present = present
 
     def _advance(self, t_s: float) -> None:
-        state = self.state
+        state, personality = self.state, self.personality
         state.t_s = t_s
-        if state.origin is None and self.personality.gps_used(state) and self.personality.position_valid(state):
+        by_gps = personality.gps_set_up(state) and state.gps_present
+        if state.origin is None and by_gps and personality.position_valid(state):
             booted = state.estimator.origin
             state.origin, state.origin_s = to_global(booted.x_m, booted.y_m, booted.z_m), t_s
-        was_crashed = state.airframe.crashed
-        self.personality.supervise(state)
-        state.motion = motion(self.personality, state)
+        was_crashed, was_armed = state.airframe.crashed, state.armed
+        self._watch.step(state, STEP_S)
+        personality.supervise(state)
+        state.motion = motion(personality, state, STEP_S)
         state.airframe.step(STEP_S, state.motion)
-        state.estimator.step(state.airframe.pose, STEP_S, self.personality.gps_used(state))
+        state.estimator.step(state.airframe.pose, STEP_S, by_gps)
         state.flown = state.flown or state.flying
         state.on_ground_s = state.on_ground_s + STEP_S if state.armed and state.airframe.on_ground else 0.0
         if state.airframe.crashed and not was_crashed:
             state.say(MavSeverity.CRITICAL, "Crash: Disarming")
             state.disarm("Disarmed by crash")
-        self._drain()
-
-    def _drain(self) -> None:
-        state = self.state
+        if was_armed and not state.armed and state.mode_after_disarming is not None:
+            state.enter(state.mode_after_disarming)
+        self._detect_landing()
         state.battery.step(STEP_S, state.flying)
-        if state.battery.percent < 15.0 and not state.low_battery_reported:
-            state.low_battery_reported = True
-            state.say(MavSeverity.WARNING, "Low battery")
-        landing = self.personality.modes[self.personality.land_mode]
-        if state.battery.percent < _EMPTY_PERCENT and state.flying and state.mode is not landing:
-            state.say(MavSeverity.CRITICAL, "Battery empty, landing")
-            state.enter(landing)
+
+    def _detect_landing(self) -> None:
+        state = self.state
+        if state.landed and state.armed and self.personality.in_the_air(state):
+            state.landed = False
+        elif not state.landed and (not state.armed or (state.on_ground_s >= _LANDED_S and state.hover_s == 0.0)):
+            state.landed = True
+        else:
+            return
+        self.personality.tell_landed(state)
 
     def _say(self) -> list[Message]:
         state = self.state
         sent = [
             message for name in self._streams.due(state.t_s) if (message := self._telemetry.build(name)) is not None
         ]
+        if state.heartbeat_due and self.personality.heartbeat_with_mode:
+            sent += [x for x in (self._telemetry.build("HEARTBEAT"),) if x is not None]
+        state.heartbeat_due = False
+        while state.later and state.later[0][0] <= state.t_s + 5e-7:
+            sent.append(state.later.popleft()[1])
+        while state.events:
+            sent.append(event_message(state.events.popleft(), round(state.since_boot_s * 1e3), self._events))
+            self._events = (self._events + 1) % 65536
         while state.texts:
             severity, text = state.texts.popleft()
             sent += self._text(severity, text.encode())

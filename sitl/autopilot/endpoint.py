@@ -13,15 +13,18 @@ from companion.clock import Clock
 from sitl.autopilot.codec import LARGEST_DATAGRAM, Decoder, Encoder, Signing
 from sitl.autopilot.core import STEP_S, Autopilot
 from sitl.autopilot.mavlink import Message
+from sitl.autopilot.routing import Routes
 
 log = logging.getLogger(__name__)
 
 Address = tuple[str, int]
+Way = Address | asyncio.StreamWriter
+"""A connection: a UDP address, or a TCP client."""
 _MOST_PEERS = 16
 _MOST_CLIENTS = 8
 _SILENT_PEER_S = 30.0
 _UNSENT_BYTES = 1 << 18
-_CONTROL_COMMANDS = "takeover, battery PERCENT, gps on, gps off"
+_CONTROL_COMMANDS = "takeover, rc on, rc off, battery PERCENT, battery volts VOLTS, gps on, gps off"
 
 
 class Endpoint:
@@ -36,6 +39,8 @@ class Endpoint:
         control_port: loopback UDP port for text commands from a test; ``None`` for none.
         drop_share: of packets lost, each way.
         speed: simulated time per real time.
+        clock_rate: how fast the autopilot's clock, and with it the vehicle, runs; a simulator that cannot keep up is
+            slower than 1.
         signing: ``None``: nothing is signed, and signatures are not looked at.
     """
 
@@ -50,6 +55,7 @@ class Endpoint:
         control_port: int | None = None,
         drop_share: float = 0.0,
         speed: float = 1.0,
+        clock_rate: float = 1.0,
         signing: Signing | None = None,
     ) -> None:
         self.autopilot = autopilot
@@ -65,10 +71,11 @@ class Endpoint:
         self._wanted_tcp_port = tcp_port
         self._wanted_control_port = control_port
         self._drop_share = drop_share
-        self._speed = speed
+        self._speed = speed * clock_rate
         self._random = random.Random(1)  # noqa: S311 - packet loss, no secret
         self._signing = signing
         self._encoder = Encoder(autopilot.system_id, signing)
+        self._routes: Routes[Way] = Routes(autopilot.system_id, autopilot.personality.texts_only_to_ground_stations)
         self._peers_s: dict[Address, float] = {}
         self._clients: set[asyncio.StreamWriter] = set()
         self._udp: asyncio.DatagramTransport | None = None
@@ -110,19 +117,25 @@ class Endpoint:
         due_s = self._clock.now_s()
         while True:
             for message in self.autopilot.step(self._now_s()):
-                self._broadcast(self._encoder.bytes(message))
+                self._broadcast(message)
             # No catching up on ticks that were missed: the autopilot does its steps itself.
             due_s = max(due_s + STEP_S, self._clock.now_s())
             await asyncio.sleep(max(0.0, due_s - self._clock.now_s()))
 
-    def _broadcast(self, packet: bytes) -> None:
-        if self._udp is not None:
-            for address in {*self._to, *self._peers_s}:
-                if not self._lost():
-                    self._udp.sendto(packet, address)
-        for writer in tuple(self._clients):
-            if not self._lost():
-                self._write(writer, packet)
+    def _broadcast(self, message: Message) -> None:
+        packet, now_s = self._encoder.bytes(message), self._now_s()
+        ways: set[Way] = {*self._to, *self._peers_s, *self._clients}
+        for way in ways:
+            if self._routes.takes(way, message, now_s):
+                self._send(way, packet)
+
+    def _send(self, way: Way, packet: bytes) -> None:
+        if self._lost():
+            return
+        if isinstance(way, asyncio.StreamWriter):
+            self._write(way, packet)
+        elif self._udp is not None:
+            self._udp.sendto(packet, way)
 
     def _write(self, writer: asyncio.StreamWriter, packet: bytes) -> None:
         if writer.transport.get_write_buffer_size() > _UNSENT_BYTES:
@@ -141,25 +154,31 @@ class Endpoint:
         self.bad += decoder.bad + decoder.unfinished
         if messages:
             self._remember(address)
-        for answer in self._received(messages):
-            if self._udp is not None and not self._lost():
-                self._udp.sendto(answer, address)
+        self._received(messages, address)
 
     def _remember(self, address: Address) -> None:
         """A sender gets telemetry, as long as it goes on sending."""
         now_s = self._clock.now_s()
         if address in self._to:
             return
-        self._peers_s = {who: t_s for who, t_s in self._peers_s.items() if now_s - t_s < _SILENT_PEER_S}
+        gone = [who for who, t_s in self._peers_s.items() if now_s - t_s >= _SILENT_PEER_S]
+        self._routes.forget(gone)
+        self._peers_s = {who: t_s for who, t_s in self._peers_s.items() if who not in gone}
         if address in self._peers_s or len(self._peers_s) < _MOST_PEERS:
             self._peers_s[address] = now_s
 
-    def _received(self, messages: list[Message]) -> list[bytes]:
-        answers: list[bytes] = []
+    def _received(self, messages: list[Message], way: Way) -> None:
+        """Takes messages that came in on ``way``, answers there, and forwards what is for others."""
         for message in messages:
-            if not self._lost():
-                answers += [self._encoder.bytes(answer) for answer in self.autopilot.receive(message, self._now_s())]
-        return answers
+            if self._lost():
+                continue
+            now_s = self._now_s()
+            self._routes.heard(way, message, now_s)
+            onward = self._routes.onward(way, message)
+            for other in onward:
+                self._send(other, bytes(message.get_msgbuf()))
+            for answer in self.autopilot.receive(message, now_s, routed=bool(onward)):
+                self._send(way, self._encoder.bytes(answer))
 
     async def _client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         if len(self._clients) >= _MOST_CLIENTS:
@@ -169,13 +188,13 @@ class Endpoint:
         decoder = Decoder(self._signing)
         try:
             while data := await reader.read(LARGEST_DATAGRAM):
-                for answer in self._received(decoder.messages(data)):
-                    self._write(writer, answer)
+                self._received(decoder.messages(data), writer)
         except OSError:
             log.info("a TCP client went away")
         finally:
             self.bad += decoder.bad
             self._clients.discard(writer)
+            self._routes.forget([writer])
             writer.close()
 
     def _hang_up(self) -> None:
@@ -184,13 +203,17 @@ class Endpoint:
 
     def _control(self, data: bytes, _address: Address) -> None:
         """A test's hand on the vehicle: the transmitter, the battery, the GPS antenna."""
-        words = data[:64].decode("ascii", "replace").split()
+        words, battery = data[:64].decode("ascii", "replace").split(), self.autopilot.state.battery
         if words == ["takeover"]:
             self.autopilot.pilot_takes_over()
         elif words in (["gps", "on"], ["gps", "off"]):
             self.autopilot.set_gps(words[1] == "on")
-        elif len(words) == 2 and words[0] == "battery" and _percent(words[1]) is not None:
-            self.autopilot.state.battery.percent = _percent(words[1]) or 0.0
+        elif words in (["rc", "on"], ["rc", "off"]):
+            self.autopilot.set_transmitter(words[1] == "on")
+        elif len(words) == 2 and words[0] == "battery" and (percent := _number(words[1], 100.0)) is not None:
+            battery.percent, battery.measured_v = percent, None
+        elif len(words) == 3 and words[:2] == ["battery", "volts"] and (volts := _number(words[2], 60.0)) is not None:
+            battery.measured_v = volts
         else:
             self.bad += 1
             log.warning("control knows: %s", _CONTROL_COMMANDS)
@@ -212,9 +235,9 @@ class _Datagrams(asyncio.DatagramProtocol):
         log.debug("%s", exc)
 
 
-def _percent(text: str) -> float | None:
+def _number(text: str, most: float) -> float | None:
     try:
         value = float(text)
     except ValueError:
         return None
-    return value if math.isfinite(value) and 0.0 <= value <= 100.0 else None
+    return value if math.isfinite(value) and 0.0 <= value <= most else None

@@ -43,13 +43,17 @@ class Estimator:
 
     Args:
         start: true pose at boot: the origin of the local frame with GPS.
-        drift_mps2: how fast the velocity estimate may go wrong when nothing aids it.
+        drift_mps2: how fast the velocity estimate may go wrong when nothing aids it,
+        most_mps: and between which speeds that ends.
         rng: for noise and drift.
     """
 
-    def __init__(self, start: Pose, drift_mps2: float, rng: np.random.Generator) -> None:
+    def __init__(self, start: Pose, drift_mps2: float, most_mps: tuple[float, float], rng: np.random.Generator) -> None:
         self._rng = rng
         self._drift_mps2 = drift_mps2
+        self._between_mps = most_mps
+        self._most_mps = most_mps[1]
+        self._raised_m = 0.0
         self.origin = start
         self.pose = replace(start, x_m=0.0, y_m=0.0, z_m=0.0)
         """The estimate: east-north-up about the local origin, without its noise."""
@@ -62,14 +66,14 @@ class Estimator:
         self._drift = (0.0, 0.0)
 
     def alone_s(self, t_s: float) -> float:
-        """For how long no odometry has come; infinite when none ever came."""
+        """For how long neither odometry nor GPS has come; infinite when none ever came."""
         return math.inf if self.fed_s is None else t_s - self.fed_s
 
     def step(self, true: Pose, dt_s: float, by_gps: bool) -> None:
         """Carries the estimate on to the time of ``true``."""
         self.true_yaw_rad = true.yaw_rad
         if by_gps:
-            self._error = (0.0, 0.0)
+            self._aided(true.t_s)
             self.pose = replace(
                 true, x_m=true.x_m - self.origin.x_m, y_m=true.y_m - self.origin.y_m, z_m=true.z_m - self.origin.z_m
             )
@@ -77,7 +81,7 @@ class Estimator:
         old = self.pose
         turn_rad = wrap_rad(old.yaw_rad + true.yaw_rate_radps * dt_s) - true.yaw_rad
         vx_mps, vy_mps = rotated(true.vx_mps, true.vy_mps, turn_rad)
-        if self.fed_s is not None and self.alone_s(true.t_s) > _FRESH_S:
+        if self.fed_s is not None and self.alone_s(true.t_s) > _FRESH_S and math.hypot(*self._error) < self._most_mps:
             self._error = (self._error[0] + self._drift[0] * dt_s, self._error[1] + self._drift[1] * dt_s)
         vx_mps, vy_mps = vx_mps + self._error[0], vy_mps + self._error[1]
         self.pose = replace(
@@ -95,21 +99,35 @@ class Estimator:
         if max(abs(sample.x_m), abs(sample.y_m), abs(sample.z_m)) > _FARTHEST_M:
             return
         old = self.pose
-        off_m = math.dist((old.x_m, old.y_m, old.z_m), (sample.x_m, sample.y_m, sample.z_m))
+        z_m = sample.z_m + self._raised_m
+        off_m = math.dist((old.x_m, old.y_m, old.z_m), (sample.x_m, sample.y_m, z_m))
         new = self.fed_s is None or self.alone_s(t_s) > _FRESH_S or off_m > _JUMP_M
         pull = 1.0 if new else _PULL
         self.pose = replace(
             old,
             x_m=old.x_m + pull * (sample.x_m - old.x_m),
             y_m=old.y_m + pull * (sample.y_m - old.y_m),
-            z_m=old.z_m + pull * (sample.z_m - old.z_m),
+            z_m=old.z_m + pull * (z_m - old.z_m),
             yaw_rad=wrap_rad(old.yaw_rad + pull * wrap_rad(sample.yaw_rad - old.yaw_rad)),
         )
         if self.fed_since_s is None or self.alone_s(t_s) > 1.0:
             self.fed_since_s = t_s
-        self.fed_s = t_s
         self.ned = sample.ned
+        self._aided(t_s)
+
+    def raise_height(self, by_m: float) -> None:
+        """Counts heights from another level from now on."""
+        self._raised_m += by_m
+        self.pose = replace(self.pose, z_m=self.pose.z_m + by_m)
+
+    def _aided(self, t_s: float) -> None:
+        """Right again; how it will go wrong without aid is drawn anew."""
+        again = self.alone_s(t_s) > _FRESH_S
+        self.fed_s = t_s
+        if not again:
+            return
         self._error = (0.0, 0.0)
+        self._most_mps = float(self._rng.uniform(*self._between_mps))
         bearing_rad = float(self._rng.uniform(-math.pi, math.pi))
         size_mps2 = self._drift_mps2 * float(self._rng.uniform(0.3, 1.0))
         self._drift = (size_mps2 * math.cos(bearing_rad), size_mps2 * math.sin(bearing_rad))
@@ -130,6 +148,10 @@ class Estimator:
             roll_rad=p.roll_rad + ANGLE_NOISE_RAD * float(n[7]),
             pitch_rad=p.pitch_rad + ANGLE_NOISE_RAD * float(n[8]),
         )
+
+    def turned(self, x: float, y: float) -> tuple[float, float]:
+        """A direction of the estimate's frame in the true one."""
+        return rotated(x, y, self.true_yaw_rad - self.pose.yaw_rad)
 
     def to_true(self, vx_mps: float, vy_mps: float) -> tuple[float, float]:
         """The true velocity that results when this velocity of the estimate's frame is flown."""

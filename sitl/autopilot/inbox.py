@@ -25,6 +25,9 @@ _CONVERGED = 500
 _SYNC_PARTNERS = 16
 _STAMP_OFF_S = 1.0
 _NO_RANGE = 65535
+_RESULT_LATER_S = 0.004
+_LOST_CONTROL_MPS = 0.25
+"""How fast it drifts on setpoints of a frame in which each restarts its controller."""
 
 
 @dataclass(slots=True)
@@ -55,6 +58,7 @@ class Inbox:
         self.reboot = False
         """A command has asked for it."""
         self._handlers: dict[str, Callable[[Message], list[Message]]] = {
+            "HEARTBEAT": self._heartbeat,
             "COMMAND_LONG": self._command,
             "COMMAND_INT": self._command,
             "SET_MODE": self._set_mode,
@@ -71,8 +75,8 @@ class Inbox:
             "MISSION_REQUEST_LIST": self._mission_list,
         }
 
-    def take(self, message: Message) -> list[Message]:
-        """The answers to one message."""
+    def take(self, message: Message, routed: bool) -> list[Message]:
+        """The answers to one message; ``routed`` says that it went on to the component that it is for."""
         handler = self._handlers.get(message.get_type())
         if handler is None:
             return []
@@ -82,7 +86,10 @@ class Inbox:
         # Broadcasts have target 0; messages without a target are for everyone.
         if getattr(message, "target_system", 0) not in (0, self._system_id):
             return self._ignored("for another system")
-        if getattr(message, "target_component", 0) not in (0, AUTOPILOT_COMPONENT):
+        if getattr(message, "target_component", 0) in (0, AUTOPILOT_COMPONENT):
+            return handler(message)
+        # ArduPilot carries out itself what is for a component of its system that it has never heard.
+        if routed or not self._personality.takes_what_nobody_takes:
             return self._ignored("for another component")
         return handler(message)
 
@@ -98,9 +105,22 @@ class Inbox:
     def _command(self, message: Message) -> list[Message]:
         last = ("x", "y", "z") if message.get_type() == "COMMAND_INT" else ("param5", "param6", "param7")
         names = ("param1", "param2", "param3", "param4", *last)
-        answer = self._commands.do(message.command, [float(getattr(message, name)) for name in names])
+        values = [float(getattr(message, name)) for name in names]
+        answer = self._commands.do(message.command, values, message.get_srcComponent())
         self.reboot = answer.reboot
-        return [self._acknowledge(message, message.command, answer.result), *answer.messages]
+        result = answer.result
+        if answer.received:
+            result = m.MAV_RESULT_ACCEPTED
+            real = self._acknowledge(message, message.command, answer.result)
+            self._state.later.append((self._state.t_s + _RESULT_LATER_S, real))
+        return [self._acknowledge(message, message.command, result), *answer.messages]
+
+    def _heartbeat(self, message: Message) -> list[Message]:
+        if message.type == m.MAV_TYPE_GCS:
+            self._state.ground_station.heard(self._state.t_s)
+        elif message.type == m.MAV_TYPE_ONBOARD_CONTROLLER:
+            self._state.companion.heard(self._state.t_s)
+        return []
 
     def _acknowledge(self, message: Message, command: int, result: int) -> Message:
         return m.MAVLink_command_ack_message(command, result, 0, 0, message.get_srcSystem(), message.get_srcComponent())
@@ -108,7 +128,7 @@ class Inbox:
     def _set_mode(self, message: Message) -> list[Message]:
         if not message.base_mode & m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
             return self._ignored("mode without custom mode")
-        result = self._commands.set_mode(message.custom_mode)
+        result = self._commands.set_mode(message.custom_mode, message.get_srcComponent())
         if not self._personality.acknowledges_set_mode:
             return []
         return [self._acknowledge(message, message.id, result)]
@@ -146,8 +166,8 @@ class Inbox:
         velocity = (message.vx, message.vy, message.vz, message.yaw_rate)
         if not finite(*velocity) or max(map(abs, velocity)) > _FASTEST_MPS:
             return self._ignored("setpoint that is no number")
-        if frame in personality.hovering_frames:
-            velocity = (0.0, 0.0, 0.0, 0.0)
+        if frame in personality.drifting_frames:
+            velocity = (_LOST_CONTROL_MPS, 0.0, 0.0, 0.0)
         elif frame not in personality.velocity_frames:
             return self._ignored("setpoint in another frame")
         state = self._state
@@ -188,7 +208,7 @@ class Inbox:
     ) -> list[Message]:
         state, personality = self._state, self._personality
         ned = personality.takes_odometry(state, message)
-        if ned is None or personality.gps_used(state):
+        if ned is None or personality.gps_set_up(state):
             return self._ignored("odometry that is not used")
         if ned_yaw_rad is None or not finite(*where):
             return self._ignored("odometry that is no number")
@@ -227,8 +247,14 @@ class Inbox:
         state = self._state
         if abs(message.latitude) > 900_000_000 or abs(message.longitude) > 1_800_000_000:
             return self._ignored("origin off the globe")
-        if not self._personality.gps_used(state) and state.origin is None:
-            state.origin, state.origin_s = (message.latitude, message.longitude, message.altitude), state.t_s
+        origin = message.latitude, message.longitude, message.altitude
+        if not self._personality.gps_set_up(state):
+            if state.origin is None:
+                state.origin, state.origin_s = origin, state.t_s
+            elif self._personality.takes_another_origin:
+                # The altitude stays, so the height above the new origin is another one.
+                state.estimator.raise_height((state.origin[2] - origin[2]) / 1e3)
+                state.origin = origin
         if state.origin is None:
             return []
         return [m.MAVLink_gps_global_origin_message(*state.origin)]

@@ -49,3 +49,12 @@ def to_world(lat_e7: int, lon_e7: int, alt_mm: float, origin: GlobalPosition = O
 def _narrowing(origin: GlobalPosition) -> float:
     """How much shorter a degree of longitude is than one of latitude."""
     return math.cos(math.radians(origin[0] * 1e-7))
+
+
+def zero_from(origin: GlobalPosition) -> tuple[float, float]:
+    """Where latitude 0, longitude 0 lies, in m east and north of ``origin``, as an azimuthal projection has it."""
+    lat_rad, lon_rad = math.radians(origin[0] * 1e-7), math.radians(origin[1] * 1e-7)
+    east, north = math.sin(-lon_rad), -math.sin(lat_rad) * math.cos(lon_rad)
+    distance_m = EARTH_RADIUS_M * math.acos(max(-1.0, min(1.0, math.cos(lat_rad) * math.cos(lon_rad))))
+    share = distance_m / max(math.hypot(east, north), 1e-12)
+    return share * east, share * north

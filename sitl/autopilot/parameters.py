@@ -33,16 +33,22 @@ class Parameters:
     """Named numbers with a type, in the order of their names.
 
     Args:
-        defaults: an `int` becomes ``integer`` unless the value says its kind; a `float` becomes REAL32.
+        defaults: an `int` becomes ``integer`` unless ``kinds`` says otherwise; a `float` becomes REAL32.
         encoding: how integers travel.
         integer: the kind of a plain integer.
+        kinds: of integers by their names.
     """
 
-    def __init__(self, defaults: Mapping[str, float], encoding: Encoding, integer: Kind) -> None:
+    def __init__(
+        self, defaults: Mapping[str, float], encoding: Encoding, integer: Kind, kinds: Mapping[str, Kind]
+    ) -> None:
         self._encoding = encoding
         self.names = tuple(sorted(defaults))
         self._values = {name: float(value) for name, value in defaults.items()}
-        self._kinds = {name: integer if isinstance(value, int) else Kind.REAL32 for name, value in defaults.items()}
+        self._kinds = {
+            name: kinds.get(name, integer) if isinstance(value, int) else Kind.REAL32
+            for name, value in defaults.items()
+        }
 
     def __contains__(self, name: str) -> bool:
         return name in self._values

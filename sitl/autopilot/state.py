@@ -8,8 +8,11 @@ from collections import Counter, deque
 from dataclasses import dataclass, field
 
 from companion.mavlink.ids import MavSeverity
-from sitl.autopilot.airframe import Airframe, Battery, Motion
+from sitl.autopilot.airframe import Airframe, Motion
+from sitl.autopilot.battery import Battery
 from sitl.autopilot.estimator import Estimator
+from sitl.autopilot.events import Event
+from sitl.autopilot.mavlink import Message
 from sitl.autopilot.origin import GlobalPosition
 from sitl.autopilot.parameters import Parameters
 
@@ -18,9 +21,11 @@ class Behaviour(enum.Enum):
     """What a mode does with the vehicle; several modes may do the same."""
 
     HOLD = "brakes and stays; also what a pilot's mode does with the sticks in the middle"
+    COAST = "levels out, keeps its height, and rolls on"
     TAKEOFF = "climbs to the height that was asked for"
-    LAND = "descends where it is"
+    LAND = "descends where it is, or where it believes that it is to land"
     DESCEND = "descends without knowing where it is"
+    RETURN = "climbs, flies to where it was armed, and lands there"
     SETPOINTS = "follows a computer"
 
 
@@ -54,6 +59,25 @@ class Obstacles:
     range_m: float
 
 
+@dataclass(slots=True)
+class Contact:
+    """When somebody on whom a failsafe waits was last heard; ``lost`` until he is heard again."""
+
+    heard_s: float | None = None
+    lost: bool = True
+
+    def heard(self, t_s: float) -> None:
+        """He is there."""
+        self.heard_s, self.lost = t_s, False
+
+    def silent_for(self, t_s: float, limit_s: float) -> bool:
+        """Whether he was there and is silent for longer than that; says so once."""
+        if self.lost or self.heard_s is None or t_s - self.heard_s <= limit_s:
+            return False
+        self.lost = True
+        return True
+
+
 @dataclass
 class State:
     """The autopilot's memory.
@@ -84,14 +108,43 @@ class State:
     takeoff_height_m: float = 0.0
     takeoff_suppressed: bool = False
     target: Target | None = None
+    went: tuple[float, float] = (0.0, 0.0)
+    """The way of the last setpoint that was to move, of length 1, in the frame of the estimate."""
     target_times_s: deque[float] = field(default_factory=lambda: deque(maxlen=2))
     obstacles: Obstacles | None = None
     origin: GlobalPosition | None = None
     origin_s: float = math.inf
-    transmitter: bool = False
+    home_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Where it was armed, by the estimate."""
+    landed: bool = True
+    """What the land detector believes."""
+    hover_s: float = 0.0
+    """For how long the motors have pulled at a vehicle that is still on the ground."""
+    mode_after_disarming: Mode | None = None
+    transmitter: Contact = field(default_factory=Contact)
+    transmitter_on: bool = False
+    """Whether somebody holds a transmitter that is switched on."""
+    ground_station: Contact = field(default_factory=Contact)
+    companion: Contact = field(default_factory=Contact)
+    ready: bool = False
+    """ArduPilot has said that it is."""
+    complains_s: float = 15.0
+    """Since boot, when it says next why it would not arm."""
+    returning_home: bool = False
+    """A return has climbed as far as it wants to."""
+    paused: bool = False
+    """A ground station has frozen the mode that follows setpoints."""
     motion: Motion | None = None
-    low_battery_reported: bool = False
+    battery_level: int = 0
+    """ArduPilot's battery failsafe: 0: none, 1: low, 2: critical."""
+    critical: bool = False
+    """A failsafe has triggered: the heartbeat says so."""
     texts: deque[tuple[MavSeverity, str]] = field(default_factory=lambda: deque(maxlen=32))
+    events: deque[Event] = field(default_factory=lambda: deque(maxlen=32))
+    later: deque[tuple[float, Message]] = field(default_factory=lambda: deque(maxlen=32))
+    """Messages that leave not before their time."""
+    heartbeat_due: bool = False
+    """A heartbeat leaves at once: the mode has changed."""
     counts: Counter[str] = field(default_factory=Counter)
     """What was ignored, by reason; the reasons are a fixed set."""
 
@@ -114,27 +167,35 @@ class State:
         """Queues a STATUSTEXT."""
         self.texts.append((severity, text))
 
+    def tell(self, event: Event) -> None:
+        """Queues an EVENT."""
+        self.events.append(event)
+
     def enter(self, mode: Mode) -> None:
         """Takes a mode that was asked for."""
         self.mode = mode
-        self.failsafe = None
+        self.heartbeat_due = True
+        self.paused = False
+        self.settle()
+
+    def settle(self) -> None:
+        """Forgets what the mode before was about: where it held, where it was climbing to."""
         self.hold_m = None
         self.takeoff_s = None
         self.takeoff_suppressed = False
+        self.returning_home = False
 
-    def fall_back(self, mode: Mode, text: str) -> None:
-        """Flies ``mode`` instead of what was asked for."""
+    def fall_back(self, mode: Mode | None) -> None:
+        """Flies ``mode`` instead of what was asked for; ``None``: what was asked for again."""
         if self.failsafe is not mode:
             self.failsafe = mode
-            self.hold_m = None
-            self.say(MavSeverity.CRITICAL, text)
+            self.settle()
 
     def disarm(self, text: str) -> None:
         """Stops the motors."""
         self.armed = False
         self.failsafe = None
-        self.takeoff_s = None
-        self.takeoff_suppressed = False
+        self.settle()
         self.say(MavSeverity.INFO, text)
 
     def target_age_s(self) -> float:

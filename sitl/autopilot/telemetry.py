@@ -1,15 +1,15 @@
-"""What the autopilot says of itself: which message is due when, and one of each kind, built from its state."""
+"""What the autopilot says of itself: one message of each kind, built from its state."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+import random
+from collections.abc import Callable
 from dataclasses import replace
 
 from companion.frames import NedPose, pose_to_ned
 from companion.geometry import quaternion
 from companion.model import Pose
-from sitl.autopilot.airframe import CELLS
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.mavlink import dialect as m
 from sitl.autopilot.origin import GlobalPosition, to_global
@@ -27,10 +27,10 @@ _SENSORS = (
 _PREARM = m.MAV_SYS_STATUS_PREARM_CHECK
 _RANGE_CM = (10, 5000)
 _INT16 = 32767
+_GRAVITY_MPS2 = 9.81
+_AIDED_S = 0.3
+_LOST_RATIO = 1.5
 _NO_COVARIANCE = [math.nan] + [0.0] * 20
-
-_TOLERANCE_S = 5e-7
-"""Times are sums of periods."""
 
 
 class Telemetry:
@@ -66,7 +66,10 @@ class Telemetry:
             "GPS_GLOBAL_ORIGIN": self._origin,
             "AUTOPILOT_VERSION": self._version,
             "ODOMETRY": self._odometry,
+            "HIGHRES_IMU": self._imu,
         }
+        self._ratios = (0.1, 0.1)
+        self._rng = random.Random(system_id)  # noqa: S311 - noise
         self._noisy_s = math.nan
         self._noisy: tuple[Pose, NedPose]
 
@@ -89,24 +92,18 @@ class Telemetry:
     def _globe(self) -> tuple[GlobalPosition, float] | None:
         """Where on the globe the estimate is, and the altitude of home in mm."""
         state = self._state
-        if state.origin is None or not self._personality.position_valid(state):
+        if state.origin is None or not self._personality.global_position(state):
             return None
         pose = self._estimate()[0]
         return to_global(pose.x_m, pose.y_m, pose.z_m, state.origin), state.origin[2]
 
     def _heartbeat(self) -> Message:
-        state = self._state
-        base = m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | m.MAV_MODE_FLAG_STABILIZE_ENABLED
-        if state.armed:
-            base |= m.MAV_MODE_FLAG_SAFETY_ARMED
-        if state.shown.behaviour is Behaviour.SETPOINTS:
-            base |= m.MAV_MODE_FLAG_GUIDED_ENABLED
-        status = m.MAV_STATE_ACTIVE if state.armed else m.MAV_STATE_STANDBY
-        if state.failsafe is not None or state.airframe.crashed:
-            status = m.MAV_STATE_CRITICAL
+        state, personality = self._state, self._personality
+        armed = m.MAV_MODE_FLAG_SAFETY_ARMED if state.armed else 0
         return m.MAVLink_heartbeat_message(
-            m.MAV_TYPE_QUADROTOR, self._personality.autopilot, base, state.shown.custom_mode, status, 3
-        )
+            m.MAV_TYPE_QUADROTOR, personality.autopilot, personality.base_mode(state) | armed,
+            state.shown.custom_mode, personality.system_status(state), 3,
+        )  # fmt: skip
 
     def _sys_status(self) -> Message:
         state = self._state
@@ -114,14 +111,13 @@ class Telemetry:
         if state.gps_present:
             present |= m.MAV_SYS_STATUS_SENSOR_GPS
         healthy = present
-        if self._personality.arming_refusal(state) is not None and not state.armed:
+        if not state.armed and self._personality.arming_refusals(state):
             healthy &= ~_PREARM
         if not self._personality.position_valid(state):
             healthy &= ~m.MAV_SYS_STATUS_AHRS
-        battery = state.battery
-        return m.MAVLink_sys_status_message(
-            present, present, healthy, 250, round(battery.voltage_v * 1e3), 1500, int(battery.percent), 0, 0, 0, 0, 0, 0
-        )
+        percent = int(self._personality.battery_percent(state))
+        voltage_mv = round(state.battery.voltage_v * 1e3)
+        return m.MAVLink_sys_status_message(present, present, healthy, 250, voltage_mv, 1500, percent, 0, 0, 0, 0, 0, 0)
 
     def _attitude(self) -> Message:
         ned = self._estimate()[1]
@@ -192,7 +188,8 @@ class Telemetry:
 
     def _gps_raw(self) -> Message:
         state, pose = self._state, self._estimate()[0]
-        fix = m.GPS_FIX_TYPE_3D_FIX if state.gps_present else m.GPS_FIX_TYPE_NO_GPS
+        without = m.GPS_FIX_TYPE_NO_FIX if self._personality.gps_set_up(state) else m.GPS_FIX_TYPE_NO_GPS
+        fix = m.GPS_FIX_TYPE_3D_FIX if state.gps_present else without
         start = state.estimator.origin
         true = replace(pose, x_m=pose.x_m + start.x_m, y_m=pose.y_m + start.y_m, z_m=pose.z_m + start.z_m)
         where = to_global(true.x_m, true.y_m, true.z_m) if state.gps_present else (0, 0, 0)
@@ -205,7 +202,7 @@ class Telemetry:
     def _extended(self) -> Message:
         state = self._state
         landed = m.MAV_LANDED_STATE_IN_AIR
-        if state.airframe.on_ground:
+        if state.landed:
             landed = m.MAV_LANDED_STATE_ON_GROUND
         elif state.shown.behaviour in (Behaviour.LAND, Behaviour.DESCEND):
             landed = m.MAV_LANDED_STATE_LANDING
@@ -213,39 +210,45 @@ class Telemetry:
             landed = m.MAV_LANDED_STATE_TAKEOFF
         return m.MAVLink_extended_sys_state_message(m.MAV_VTOL_STATE_UNDEFINED, landed)
 
-    def _flags(self) -> int:
-        flags = m.ESTIMATOR_ATTITUDE | m.ESTIMATOR_VELOCITY_VERT | m.ESTIMATOR_POS_VERT_ABS
-        if not self._personality.position_valid(self._state):
-            return int(flags | m.ESTIMATOR_CONST_POS_MODE)
-        flags |= m.ESTIMATOR_VELOCITY_HORIZ | m.ESTIMATOR_POS_HORIZ_REL | m.ESTIMATOR_PRED_POS_HORIZ_REL
-        if self._state.origin is not None:
-            flags |= m.ESTIMATOR_POS_HORIZ_ABS | m.ESTIMATOR_PRED_POS_HORIZ_ABS
-        return int(flags)
+    def _test_ratios(self) -> tuple[float, float]:
+        """Of velocity and position: well below 1 and never twice the same while aided.
 
-    def _variance(self) -> float:
-        """Well below 1 while aided; above it when external odometry has stopped."""
-        if self._personality.gps_used(self._state):
-            return 0.1
-        return min(3.0, 0.1 + 0.15 * self._state.estimator.alone_s(self._state.t_s))
+        Without aid ArduPilot repeats the last ones until it knows that it is lost; PX4's grow.
+        """
+        alone_s = self._state.estimator.alone_s(self._state.t_s)
+        if alone_s < _AIDED_S:
+            self._ratios = (0.1 + self._rng.uniform(-0.05, 0.05), 0.1 + self._rng.uniform(-0.05, 0.05))
+            return self._ratios
+        if not self._personality.position_before_fix:
+            return self._ratios if self._personality.position_valid(self._state) else (_LOST_RATIO, _LOST_RATIO)
+        ratio = min(3.0, 0.1 + 0.15 * alone_s)
+        return ratio, ratio
 
     def _estimator_status(self) -> Message:
-        ratio = self._variance()
+        velocity, position = self._test_ratios()
+        flags = self._personality.estimator_flags(self._state)
         return m.MAVLink_estimator_status_message(
-            round(self._state.since_boot_s * 1e6), self._flags(), ratio, ratio, 0.1, 0.1, 0.1, 0.0, 0.1 + ratio, 0.1
+            round(self._state.since_boot_s * 1e6), flags, velocity, position, 0.1, 0.1, 0.1, 0.0, 0.1 + position, 0.1
         )
 
     def _ekf_report(self) -> Message:
-        ratio = self._variance()
-        return m.MAVLink_ekf_status_report_message(self._flags(), ratio, ratio, 0.1, 0.05, 0.0)
+        velocity, position = self._test_ratios()
+        flags = self._personality.estimator_flags(self._state)
+        return m.MAVLink_ekf_status_report_message(flags, velocity, position, 0.1, 0.05, 0.0)
 
     def _battery(self) -> Message:
-        battery = self._state.battery
-        volts = [round(battery.cell_v * 1e3)] * CELLS + [65535] * (10 - CELLS)
-        return m.MAVLink_battery_status_message(0, 1, 1, 2500, volts, 1500, -1, -1, int(battery.percent))
+        state, battery = self._state, self._state.battery
+        cell_mv = round(battery.voltage_v / battery.cells * 1e3)
+        volts = [cell_mv] * battery.cells + [65535] * (10 - battery.cells)
+        percent = int(self._personality.battery_percent(state))
+        charge_state = m.MAV_BATTERY_CHARGE_STATE_OK + self._personality.battery_warning(state)
+        return m.MAVLink_battery_status_message(
+            0, 1, 1, 2500, volts, 1500, round(battery.used_mah), -1, percent, 0, charge_state
+        )
 
     def _home(self) -> Message | None:
         origin = self._state.origin
-        if origin is None:
+        if origin is None or not self._personality.global_position(self._state):
             return None
         return m.MAVLink_home_position_message(*origin, 0.0, 0.0, 0.0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0)
 
@@ -265,6 +268,15 @@ class Telemetry:
         return m.MAVLink_autopilot_version_message(
             capabilities, version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, self._system_id
         )
+
+    def _imu(self) -> Message:
+        pose = self._state.airframe.pose
+        g = _GRAVITY_MPS2
+        felt_mps2 = g * math.tan(-pose.pitch_rad), g * math.tan(pose.roll_rad), -g
+        return m.MAVLink_highres_imu_message(
+            round(self._state.since_boot_s * 1e6), *felt_mps2, 0.0, 0.0, -pose.yaw_rate_radps, 0.2, 0.0, 0.4,
+            1013.25 - 0.12 * pose.z_m, 0.0, pose.z_m, 25.0, 0x1FFF,
+        )  # fmt: skip
 
     def _odometry(self) -> Message:
         ned = self._estimate()[1]
@@ -288,40 +300,3 @@ def _cmps(ned: NedPose) -> list[int]:
 
 def _compass_cdeg(yaw_rad: float) -> int:
     return round(math.degrees(yaw_rad) * 100.0) % 36000
-
-
-class Streams:
-    """Intervals of messages, on a grid of their own, without catching up on missed ones.
-
-    Args:
-        rates_hz: by name, what comes unasked.
-        t_s: now.
-    """
-
-    def __init__(self, rates_hz: Mapping[str, float], t_s: float) -> None:
-        self._default_s = {name: 1.0 / rate for name, rate in rates_hz.items()}
-        self._interval_s = dict(self._default_s)
-        self._next_s = dict.fromkeys(rates_hz, t_s)
-
-    def interval_us(self, name: str) -> int:
-        """As MESSAGE_INTERVAL tells it: -1 when the message does not come."""
-        interval_s = self._interval_s.get(name)
-        return -1 if interval_s is None else round(interval_s * 1e6)
-
-    def set_interval_us(self, name: str, interval_us: float, t_s: float) -> None:
-        """As SET_MESSAGE_INTERVAL asks: 0 is the default, below 0 is off."""
-        interval_s = self._default_s.get(name) if interval_us == 0.0 else interval_us * 1e-6
-        if interval_s is None or interval_s < 0.0:
-            self._interval_s.pop(name, None)
-            self._next_s.pop(name, None)
-        else:
-            self._interval_s[name] = interval_s
-            self._next_s[name] = t_s
-
-    def due(self, t_s: float) -> Iterator[str]:
-        """Names of the messages to send now."""
-        for name, next_s in self._next_s.items():
-            if t_s >= next_s - _TOLERANCE_S:
-                interval_s = self._interval_s[name]
-                self._next_s[name] = max(next_s + interval_s, t_s - interval_s)
-                yield name

@@ -39,7 +39,12 @@ def autopilot(
     tcp: Annotated[int | None, typer.Option(min=1, max=65535, metavar="PORT", help="Serve TCP too.")] = None,
     control: Annotated[
         int | None,
-        typer.Option(min=1, max=65535, metavar="PORT", help="UDP on loopback: takeover, battery PERCENT, gps on|off."),
+        typer.Option(
+            min=1,
+            max=65535,
+            metavar="PORT",
+            help="UDP on loopback: takeover, rc on|off, battery PERCENT, battery volts VOLTS, gps on|off.",
+        ),
     ] = None,
     start: Annotated[
         tuple[float, float, float, float] | None,
@@ -69,6 +74,10 @@ def autopilot(
     ] = None,
     drop: Annotated[float, typer.Option(min=0.0, max=1.0, metavar="SHARE", help="Packets lost, each way.")] = 0.0,
     speed: Annotated[float, typer.Option(min=0.1, max=20.0, metavar="FACTOR", help="Simulated per real time.")] = 1.0,
+    clock_rate: Annotated[
+        float,
+        typer.Option(min=0.8, max=1.2, metavar="FACTOR", help="Speed of its clock: SIH is 1 to 3 % slow, so 0.98."),
+    ] = 1.0,
     signing_key: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Sign everything sent, and accept only what is signed with it.")
     ] = None,
@@ -107,6 +116,7 @@ def autopilot(
         control_port=control,
         drop_share=drop,
         speed=speed,
+        clock_rate=clock_rate,
         signing=signing,
     )
     try:

@@ -9,8 +9,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from companion.errors import CompanionError
+from companion.errors import CompanionError, InputError
 from sitl.launch.processes import Crew, FlightPlan, environment, patient
+from sitl.launch.real import find
 
 
 class FlightFailedError(CompanionError):
@@ -28,6 +29,10 @@ def fly(
     boot_s: Annotated[
         float | None, typer.Option(min=0.0, metavar="SECONDS", help="Until the autopilot arms; else as the real one.")
     ] = None,
+    real: Annotated[
+        bool,
+        typer.Option("--real", help="The autopilot that PX4_BINARY or ARDUCOPTER_BINARY names, not the stub."),
+    ] = False,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="New folder; else one under runs/.")] = None,
 ) -> None:
     """Fly the application over MAVLink in real time: autopilot, world, gate and application as processes of their own.
@@ -38,6 +43,8 @@ def fly(
     # It brings the drawing library, for which the other commands of this group need not wait.
     from sitl.report.run_folder import new_folder
 
+    if real and boot_s is not None:
+        raise InputError(f"--boot-s {boot_s:g}: --real boots in its own time")
     gps = "nogps" if no_gps else "gps"
     target = Path("runs") / f"{datetime.now(UTC):%Y%m%d-%H%M%S}-{personality}-{gps}" if out is None else out
     with new_folder(target):
@@ -50,10 +57,14 @@ def fly(
         seed=seed,
         time_limit_s=time_limit,
         autopilot=() if boot_s is None else ("--boot-s", f"{boot_s:g}"),
+        real=find(personality) if real else None,
     )
     typer.echo("starting the autopilot and the world (the first time on a computer takes about a minute)")
     with patient(), Crew(plan) as crew:
-        typer.echo(f"faults: send takeover, battery PERCENT or gps on|off to UDP port {crew.control_port} on loopback")
+        if not real:
+            typer.echo(
+                f"faults: send takeover, battery PERCENT or gps on|off to UDP port {crew.control_port} on loopback"
+            )
         code = subprocess.run(crew.application("--fix"), env=environment(), check=False).returncode  # noqa: S603
         crew.check()
     score = crew.score()

@@ -15,11 +15,12 @@ from companion.cli.options import Config, Preset
 from companion.clock import MonotonicClock
 from companion.config.load import load
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
-from sitl.world.connection import TruthUrl
-from sitl.world.mavlink_out import Feed
+from sitl.world.connection import PeerUrl
+from sitl.world.mavlink_out import Feed, LocalFrame
 from sitl.world.odometry import Align, OdometrySettings
 from sitl.world.placement import Scene
 from sitl.world.server import CONTACT, INTERRUPTED, Plan, WorldServer
+from sitl.world.trouble import KNOWN
 from sitl.world.truth_messages import TruthKind
 
 SEVERAL = "side by side, as `companion sim --vehicles` starts them"
@@ -63,6 +64,13 @@ def world(
     odometry: Annotated[
         Feed, typer.Option(help="Visual odometry for the autopilot, as ODOMETRY or as VISION_POSITION and _SPEED.")
     ] = Feed.NONE,
+    odometry_to: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL",
+            help="Who passes it on, the gate with safety.attached: udpout://HOST:PORT. Else it goes to --truth.",
+        ),
+    ] = None,
     odometry_hz: Annotated[float, typer.Option(metavar="HZ", help="30 for PX4, 50 for ArduPilot.")] = 30.0,
     odometry_noise: Annotated[float, typer.Option(metavar="M", help="Of each position axis.")] = 0.01,
     odometry_attitude_noise: Annotated[float, typer.Option(metavar="RAD", help="Of each attitude angle.")] = 0.003,
@@ -74,11 +82,18 @@ def world(
         tuple[float, float] | None,
         typer.Option(metavar="BEGIN LENGTH", help="Blind from BEGIN s after its first estimate, for LENGTH s."),
     ] = None,
+    odometry_frame: Annotated[
+        LocalFrame,
+        typer.Option(help="What PX4 is told of the frame of ODOMETRY (ArduPilot takes local_frd alone)."),
+    ] = LocalFrame.LOCAL_NED,
     odometry_align: Annotated[
         Align, typer.Option(help="x of its frame: the heading at the start, as real trackers, or north.")
     ] = Align.START,
     no_gps: Annotated[
-        bool, typer.Option("--no-gps", help="The autopilot has no GPS: tell it an origin on the globe.")
+        bool,
+        typer.Option(
+            "--no-gps", help="The autopilot has no GPS: tell it an origin on the globe (not PX4 with local_frd)."
+        ),
     ] = False,
     send_distance_sensor: Annotated[
         bool, typer.Option("--send-distance-sensor", help="The beams also go to the autopilot.")
@@ -93,6 +108,10 @@ def world(
         Path | None, typer.Option(metavar="FILE", help="JSON with what really happened, kept up to date.")
     ] = None,
     trajectory: Annotated[Path | None, typer.Option(metavar="FILE", help="CSV with the true trajectory.")] = None,
+    control: Annotated[
+        int | None,
+        typer.Option(min=1, max=65535, metavar="PORT", help=f"UDP on loopback: {KNOWN}."),
+    ] = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="A line every 10 s.")] = False,
 ) -> None:
     """Show a simulated vehicle a mine: depth and ranges where it truly is, and odometry for its autopilot.
@@ -103,7 +122,7 @@ def world(
     # stderr, so that what a program reads on stdout stays its own.
     logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="%(message)s")
     plan = Plan(
-        truth=TruthUrl.parse(truth),
+        truth=PeerUrl.of_truth(truth),
         stream_url=stream,
         system_id=system_id,
         truth_from=truth_from,
@@ -120,18 +139,23 @@ def world(
             outage_s=odometry_outage,
             align=odometry_align,
         ),
+        odometry_to=None if odometry_to is None else PeerUrl.of_odometry(odometry_to),
+        frame=odometry_frame,
         gps=not no_gps,
         send_distance_sensor=send_distance_sensor,
         send_obstacle_distance=send_obstacle_distance,
         stop_on_contact=stop_on_contact,
         score=score,
         trajectory=trajectory,
+        control_port=control,
         verbose=verbose,
     )
     if plan.feed is not Feed.NONE and plan.truth_from is TruthKind.LOCAL:
         raise InputError(
             "--truth-from local with --odometry: the odometry would be made of the estimate that is made of it"
         )
+    if plan.feed is Feed.NONE and plan.odometry_to is not None:
+        raise InputError(f"--odometry-to {odometry_to}: needs --odometry odometry or --odometry vision")
     if plan.feed is not Feed.NONE and odometry_hz > 1.1 * truth_hz:
         raise InputError(f"--odometry-hz {odometry_hz:g}: needs truth as often, --truth-hz is {truth_hz:g}")
     if start is not None and not all(map(math.isfinite, start)):

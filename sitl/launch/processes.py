@@ -7,39 +7,25 @@ import json
 import os
 import signal
 import socket
-import subprocess
 import sys
-import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from companion.config.load import load, merge
 from companion.config.settings import Settings
-from companion.errors import CompanionError
-from companion.mavlink.firmware import ARDUCOPTER_BRAKE_MPS2
+from sitl.launch.program import Ports, Program, Running
+from sitl.launch.real import RealAutopilot
 
 START_TIMEOUT_S = 240.0
 """The first start on a computer compiles everything, which takes a small one minutes."""
 
-END_TIMEOUT_S = 10.0
-
-_SERVES = {"autopilot": "standing at", "world": "waiting for its truth"}
-"""What a process says when it serves; one that dies says something too."""
+AUTOPILOT_SERVES, WORLD_SERVES = "standing at", "waiting for its truth"
+"""What the stub and the world say when they serve."""
 
 Sections = Mapping[str, Any]
 """Nested mappings, like those in a settings file."""
-
-OF_PERSONALITY: Mapping[str, Sections] = {
-    "px4": {},
-    "ardupilot": {"control": {"governor": {"brake_mps2": ARDUCOPTER_BRAKE_MPS2}}},
-}
-"""What an autopilot needs that is not the default; without it pre-flight refuses to fly it."""
-
-
-class CrewError(CompanionError):
-    """A process of the flight did not start, or ended too soon."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +44,8 @@ class FlightPlan:
             in a settings file.
         autopilot: more options for `companion sitl autopilot`.
         world_options: more options for `companion sitl world`.
+        real: the autopilot that flies in the place of the stub.
+        parameters: of the real one, set before it boots.
     """
 
     folder: Path
@@ -70,6 +58,8 @@ class FlightPlan:
     settings: dict[str, dict[str, Any]] | None = None
     autopilot: Sequence[str] = ()
     world_options: Sequence[str] = ()
+    real: RealAutopilot | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)
 
 
 class Crew:
@@ -83,10 +73,11 @@ class Crew:
         self.plan = plan
         self.config = plan.folder / "vehicle.yaml"
         """The settings file for the application."""
-        self.to_application, self.to_ground, self.to_world, self.control_port = free_udp_ports(4)
-        stream = free_tcp_port()
-        self._stream_url = f"tcp://127.0.0.1:{stream}"
-        self._processes: list[subprocess.Popen[bytes]] = []
+        *free, self.control_port, self.world_port = free_udp_ports(5)
+        self.ports = Ports(*free) if plan.real is None else plan.real.ports
+        """Where the autopilot sends to."""
+        self._stream_url = f"tcp://127.0.0.1:{free_tcp_port()}"
+        self._running: list[Running] = []
 
     @property
     def score_file(self) -> Path:
@@ -99,12 +90,13 @@ class Crew:
         return found
 
     def __enter__(self) -> Crew:
-        self.write_settings()
+        settings = self.write_settings()
         try:
-            self.autopilot = self._start("autopilot", self._autopilot_options())
-            self._world = self._start("world", self._world_options())
-            self._wait_for("autopilot", self.autopilot)
-            self._wait_for("world", self._world)
+            self.autopilot = self._start(self._autopilot(settings))
+            self.world = self._start(self._world())
+            for one in self._running:
+                one.wait(START_TIMEOUT_S)
+            self.check()
         except BaseException:
             self._end()
             raise
@@ -115,9 +107,8 @@ class Crew:
 
     def check(self) -> None:
         """Raise when a process that should be running is not."""
-        for name, process in zip(("autopilot", "world"), self._processes, strict=False):
-            if process.poll() is not None:
-                raise CrewError(f"the process {name} ended too soon; its words: {self._words(name)}")
+        for one in self._running:
+            one.check()
 
     def application(self, *options: str) -> list[str]:
         """The command that flies: it becomes the gate, and the application is its child."""
@@ -127,79 +118,74 @@ class Crew:
         """Write the application's settings file, as is done when the flight begins; what is in force with it."""
         plan = self.plan
         own = {
-            "autopilot": {"url": f"udpin://127.0.0.1:{self.to_application}", "gps": plan.gps},
+            "autopilot": {"url": f"udpin://127.0.0.1:{self.ports.application}", "gps": plan.gps},
             "sensors": {"stream": {"url": self._stream_url}},
             "mission": {"start": "now", "time_limit_s": plan.time_limit_s},
             "record": {"folder": str(plan.folder), "largest_mb": 500.0},
         }
-        return write_settings(self.config, plan.preset, plan.personality, own, plan.settings or {})
+        return write_settings(self.config, plan.preset, own, plan.settings or {})
 
-    def _autopilot_options(self) -> list[str]:
-        plan = self.plan
-        to = [f"127.0.0.1:{port}" for port in (self.to_application, self.to_ground, self.to_world)]
-        return [
+    def _autopilot(self, settings: Settings) -> Program:
+        plan, ports = self.plan, self.ports
+        if plan.real is not None:
+            return plan.real.program(plan.folder, settings, plan.parameters)
+        to = [f"127.0.0.1:{port}" for port in (ports.application, ports.ground, ports.world)]
+        options = (
             *("--personality", plan.personality, "--seed", str(plan.seed)),
             *("--world", plan.world, "--preset", plan.preset),
             *("--control", str(self.control_port)),
             *(part for address in to for part in ("--to", address)),
             *([] if plan.gps else ["--no-gps"]),
             *plan.autopilot,
-        ]
+        )
+        return Program("autopilot", (*command("sitl", "autopilot"), *options), AUTOPILOT_SERVES)
 
-    def _world_options(self) -> list[str]:
+    def _world(self) -> Program:
         plan = self.plan
-        hz = "30" if plan.personality == "px4" else "50"
-        return [
+        options = (
             *("--world", plan.world, "--seed", str(plan.seed), "--preset", plan.preset),
-            *("--truth", f"udp://127.0.0.1:{self.to_world}", "--stream", self._stream_url),
+            *("--truth", f"udp://127.0.0.1:{self.ports.world}", "--stream", self._stream_url),
+            *("--control", str(self.world_port)),
             *("--score", str(self.score_file), "--trajectory", str(plan.folder / "truth.csv")),
-            *([] if plan.gps else ["--no-gps", "--odometry", "odometry", "--odometry-hz", hz]),
+            *(() if plan.gps else odometry_options(plan.personality)),
             *plan.world_options,
-        ]
+        )
+        return Program("world", (*command("sitl", "world"), *options), WORLD_SERVES)
 
-    def _start(self, name: str, options: Sequence[str]) -> subprocess.Popen[bytes]:
-        with (self.plan.folder / f"{name}.log").open("wb") as log:
-            process = subprocess.Popen(  # noqa: S603 - our own command
-                [*command("sitl", name), *options],
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                # Ctrl-C is for the application, which ends the flight; these two end after it.
-                start_new_session=True,
-            )
-        self._processes.append(process)
-        return process
-
-    def _wait_for(self, name: str, process: subprocess.Popen[bytes]) -> None:
-        """Until it says that it serves."""
-        give_up_s = time.monotonic() + START_TIMEOUT_S
-        while _SERVES[name] not in self._words(name):
-            if process.poll() is not None:
-                raise CrewError(f"the process {name} did not start; its words: {self._words(name)}")
-            if time.monotonic() > give_up_s:
-                raise CrewError(f"the process {name} was not ready in {START_TIMEOUT_S:g} s")
-            time.sleep(0.05)
-        self.check()
-
-    def _words(self, name: str) -> str:
-        text = (self.plan.folder / f"{name}.log").read_text(encoding="utf-8", errors="replace").strip()
-        return text[-500:] or "none"
+    def _start(self, program: Program) -> Running:
+        running = Running(program, self.plan.folder)
+        self._running.append(running)
+        return running
 
     def _end(self) -> None:
-        for process in reversed(self._processes):
-            if process.poll() is None:
-                process.send_signal(signal.SIGTERM)
-        for process in self._processes:
-            try:
-                process.wait(END_TIMEOUT_S)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+        for one in reversed(self._running):
+            one.ask_to_end()
+        for one in self._running:
+            one.end()
 
 
 def command(*words: str) -> list[str]:
     """The command line of a `companion` command, run by this interpreter."""
     return [sys.executable, "-m", "companion", *words]
+
+
+def odometry_options(personality: str, port: int | None = None) -> tuple[str, ...]:
+    """For `companion sitl world`, when the autopilot has no GPS: odometry for it.
+
+    Args:
+        personality: px4 or ardupilot.
+        port: of the gate, through which it passes; None: to the autopilot itself.
+    """
+    hz = "30" if personality == "px4" else "50"
+    to = () if port is None else ("--odometry-to", f"udpout://127.0.0.1:{port}")
+    return ("--no-gps", "--odometry", "odometry", "--odometry-hz", hz, *to)
+
+
+def with_odometry(settings: Sections, port: int) -> dict[str, Any]:
+    """These settings of the application, with odometry through its gate, at this UDP port, beside who is attached."""
+    others = settings.get("safety", {}).get("attached", ())
+    odometry = {"url": f"udpin://127.0.0.1:{port}", "may": "odometry"}
+    return merge(settings, {"safety": {"attached": [*others, odometry]}})
 
 
 def free_udp_ports(count: int) -> list[int]:
@@ -235,13 +221,12 @@ def environment() -> dict[str, str]:
     return {**os.environ, "PYTHONUNBUFFERED": "1"}
 
 
-def write_settings(file: Path, preset: str, personality: str, *layers: Sections) -> Settings:
-    """Write a settings file: what the personality needs, and over it the layers, the last one uppermost.
+def write_settings(file: Path, preset: str, *layers: Sections) -> Settings:
+    """Write a settings file: a preset, and over it the layers, the last one uppermost.
 
     Args:
         file: is made, or made anew.
         preset: below everything.
-        personality: px4 or ardupilot.
         layers: what is set besides.
 
     Returns:
@@ -250,7 +235,7 @@ def write_settings(file: Path, preset: str, personality: str, *layers: Sections)
     Raises:
         InputError: these settings cannot be used.
     """
-    sections = dict(OF_PERSONALITY[personality])
+    sections: dict[str, Any] = {}
     for layer in layers:
         sections = merge(sections, layer)
     # JSON is YAML.

@@ -60,10 +60,11 @@ class Vehicle:
         limit = settings.max_acceleration_mps2
         before = (self._forward_mps, self._side_mps)
         forward_to = self._setpoint.speed_mps * settings.speed_gain + gust_forward
+        side_to = self._setpoint.lateral_mps * settings.speed_gain + gust_side
         climb_to = self._setpoint.climb_mps * settings.speed_gain + gust_climb
         turn_to = self._setpoint.yaw_rate_radps * settings.yaw_rate_gain
         self._forward_mps = follow(self._forward_mps, forward_to, settings.speed_lag_s, limit, dt_s)
-        self._side_mps = follow(self._side_mps, gust_side, settings.speed_lag_s, limit, dt_s)
+        self._side_mps = follow(self._side_mps, side_to, settings.speed_lag_s, limit, dt_s)
         self._climb_mps = follow(self._climb_mps, climb_to, settings.speed_lag_s, limit, dt_s)
         self._yaw_rate_radps = follow(
             self._yaw_rate_radps, turn_to, settings.yaw_rate_lag_s, settings.max_yaw_acceleration_radps2, dt_s

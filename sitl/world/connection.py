@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import urlsplit
@@ -91,38 +91,62 @@ class Decoder:
 
 
 @dataclass(frozen=True, slots=True)
-class TruthUrl:
-    """Where the autopilot is met.
+class PeerUrl:
+    """Where somebody is met.
 
     Attributes:
         kind: ``udp`` (or ``udpin``) listens and answers to whoever sends; ``udpout`` and ``tcp`` go there.
+        option: of the command line that says so, for messages.
     """
 
     kind: str
     host: str
     port: int
+    option: str = "--truth"
+
+    def __str__(self) -> str:
+        return f"{self.kind}://{self.host}:{self.port}"
 
     @classmethod
-    def parse(cls, url: str) -> TruthUrl:
+    def of_truth(cls, url: str) -> PeerUrl:
         """Reads ``udp://HOST:PORT`` (``udpin`` is the same), ``udpout://HOST:PORT`` or ``tcp://HOST:PORT``.
 
         Raises:
             InputError: it is none of them.
         """
+        found = cls._parse(url, "--truth", ("udp", "udpin", "udpout", "tcp"))
+        if found is None:
+            raise InputError(
+                f"--truth {url}: give udp://HOST:PORT (listen there), udpout://HOST:PORT or tcp://HOST:PORT (go there)"
+            )
+        return found
+
+    @classmethod
+    def of_odometry(cls, url: str) -> PeerUrl:
+        """Reads ``udpout://HOST:PORT``.
+
+        Raises:
+            InputError: it is something else.
+        """
+        found = cls._parse(url, "--odometry-to", ("udpout",))
+        if found is None:
+            raise InputError(f"--odometry-to {url}: give udpout://HOST:PORT, where somebody listens for odometry")
+        return found
+
+    @classmethod
+    def _parse(cls, url: str, option: str, kinds: Collection[str]) -> PeerUrl | None:
         try:
             parts = urlsplit(url)
             port = parts.port
         except ValueError:
-            parts, port = urlsplit(""), None
-        if parts.scheme not in ("udp", "udpin", "udpout", "tcp") or not parts.hostname or not port:
-            raise InputError(
-                f"--truth {url}: give udp://HOST:PORT (listen there), udpout://HOST:PORT or tcp://HOST:PORT (go there)"
-            )
-        return cls("udp" if parts.scheme == "udpin" else parts.scheme, parts.hostname, port)
+            return None
+        if parts.scheme not in kinds or not parts.hostname or not port:
+            return None
+        return cls("udp" if parts.scheme == "udpin" else parts.scheme, parts.hostname, port, option)
 
 
 class Connection:
-    """One connection to one autopilot, over UDP or TCP, that comes back by itself.
+    """One connection to one autopilot, or to somebody who passes on to it, over UDP or TCP; it comes back by itself.
 
     Args:
         url: where.
@@ -133,7 +157,7 @@ class Connection:
     """
 
     def __init__(
-        self, url: TruthUrl, system_id: int, wanted: frozenset[int], clock: Clock, on_message: OnMessage
+        self, url: PeerUrl, system_id: int, wanted: frozenset[int], clock: Clock, on_message: OnMessage
     ) -> None:
         self.counts = ConnectionCounts()
         self.mavlink = mavlink.MAVLink(self, system_id, mavlink.MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY)
@@ -150,7 +174,7 @@ class Connection:
         """Keeps the connection until cancelled.
 
         Raises:
-            InputError: the address cannot be listened on.
+            InputError: the address cannot be listened on, or there is no such host.
         """
         if self._url.kind == "tcp":
             await self._run_stream()
@@ -194,7 +218,7 @@ class Connection:
             else:
                 transport, _ = await loop.create_datagram_endpoint(lambda: _Datagrams(self), remote_addr=there)
         except OSError as error:
-            raise InputError(f"--truth {url.kind}://{url.host}:{url.port}: {error.strerror or error}") from error
+            raise InputError(f"{url.option} {url}: {error.strerror or error}") from error
         self._datagrams = transport
         try:
             if url.kind == "udpout":
@@ -212,7 +236,7 @@ class Connection:
                 reader, self._stream = await asyncio.open_connection(url.host, url.port)
             except OSError as error:
                 if not reported:
-                    log.info("tcp://%s:%d: %s; trying again until it is there", url.host, url.port, error)
+                    log.info("%s: %s; trying again until it is there", url, error)
                 reported = True
             else:
                 reported = False

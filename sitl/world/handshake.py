@@ -5,10 +5,13 @@ from __future__ import annotations
 import logging
 import math
 from collections import deque
+from collections.abc import Collection
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from companion.autopilot.global_origin import ALTITUDE_MM
+from sitl.world.mavlink_out import LocalFrame
 from sitl.world.truth_messages import MESSAGES, Fix, TruthKind, TruthReader
 
 log = logging.getLogger(__name__)
@@ -41,6 +44,24 @@ def wanted_ids(kind: TruthKind) -> frozenset[int]:
     return frozenset(own | {_IDS[name] for name in MESSAGES[kind]})
 
 
+def told_an_origin(gps: bool, frame: LocalFrame) -> frozenset[int]:
+    """The autopilots (MAV_AUTOPILOT) that are told an origin: without GPS, and not PX4 with odometry as LOCAL_FRD.
+
+    With an origin and LOCAL_FRD every landing of PX4 flies to latitude 0, longitude 0.
+    """
+    if gps:
+        return frozenset()
+    px4 = {mavlink.MAV_AUTOPILOT_PX4} if frame is LocalFrame.LOCAL_NED else set()
+    return frozenset({mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA} | px4)
+
+
+def send_heartbeat(sender: Any) -> None:
+    """Says that the world is there; to be called once a second."""
+    sender.heartbeat_send(
+        *(mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE)
+    )
+
+
 class Handshake:
     """The exchange with one autopilot: heartbeat, message intervals, origin.
 
@@ -49,10 +70,12 @@ class Handshake:
         system_id: of the vehicle.
         reader: knows whose truth is taken, and the place of the first.
         truth_hz: how often truth is wanted.
-        set_origin: whether to send an origin, because the autopilot has no GPS.
+        origin_for: the autopilots (MAV_AUTOPILOT) that are told an origin, because they have no GPS.
     """
 
-    def __init__(self, sender: Any, system_id: int, reader: TruthReader, truth_hz: float, set_origin: bool) -> None:
+    def __init__(
+        self, sender: Any, system_id: int, reader: TruthReader, truth_hz: float, origin_for: Collection[int]
+    ) -> None:
         self.autopilot: int | None = None
         """MAV_AUTOPILOT of the heartbeat; None before the first."""
         self.armed = False
@@ -61,7 +84,7 @@ class Handshake:
         self._system_id = system_id
         self._reader = reader
         self._truth_hz = truth_hz
-        self._set_origin = set_origin
+        self._origin_for = origin_for
         self._truth_s: deque[float] = deque(maxlen=1024)
         self._heartbeat_s = -math.inf
         self._first_heartbeat_s = math.inf
@@ -107,12 +130,10 @@ class Handshake:
         """Sends what is due; to be called once a second."""
         if self._began_s is None:
             self._began_s = now_s
-        self._sender.heartbeat_send(
-            *(mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE)
-        )
+        send_heartbeat(self._sender)
         if self.truth_hz(now_s) < ENOUGH * self._truth_hz:
             self._ask(now_s)
-        if self._set_origin and not self.origin_confirmed:
+        if self.autopilot in self._origin_for and not self.origin_confirmed:
             self._send_origin(now_s)
         self._warn_of_silence(now_s, now_s - self._began_s)
 
@@ -142,7 +163,7 @@ class Handshake:
         fix = self._reader.origin or SOMEWHERE
         self._sender.set_gps_global_origin_send(
             *(self._system_id, round(fix.latitude_deg * 1e7), round(fix.longitude_deg * 1e7)),
-            *(round(fix.altitude_m * 1e3), int(now_s * 1e6)),
+            *(ALTITUDE_MM, int(now_s * 1e6)),
         )
 
     def _warn_of_silence(self, now_s: float, since_s: float) -> None:

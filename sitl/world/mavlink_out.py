@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from companion.frames import NedPose, bearing_from_frd, pose_to_ned
 from companion.geometry import quaternion, rotation
 from companion.model import Beam, PlanarScan, RangeReading
-from sitl.world.odometry import Align, Estimate, OdometrySettings
+from sitl.world.odometry import Estimate, OdometrySettings
 
 ORIENTATIONS = {
     Beam.FRONT: mavlink.MAV_SENSOR_ROTATION_NONE,
@@ -45,6 +45,13 @@ class Feed(enum.StrEnum):
     VISION = "vision"
 
 
+class LocalFrame(enum.StrEnum):
+    """In which frame ODOMETRY leaves to PX4."""
+
+    LOCAL_NED = "local_ned"
+    LOCAL_FRD = "local_frd"
+
+
 class Outgoing:
     """Encodes for one autopilot.
 
@@ -52,12 +59,16 @@ class Outgoing:
         sender: pymavlink's encoder, which sends what it encodes.
         feed: how odometry leaves.
         settings: the odometry's, for the covariances that go with it.
+        frame: what PX4 is told that the odometry's frame is. LOCAL_NED whatever its heading: a real tracker knows no
+            north either, and without GPS and compass PX4 takes its x axis for it. ArduPilot takes LOCAL_FRD alone.
     """
 
-    def __init__(self, sender: Any, feed: Feed, settings: OdometrySettings) -> None:
+    def __init__(
+        self, sender: Any, feed: Feed, settings: OdometrySettings, frame: LocalFrame = LocalFrame.LOCAL_NED
+    ) -> None:
         self._sender = sender
         self._feed = feed
-        self._align = settings.align
+        self._frame = frame
         # Upper triangles of 6x6 and 3x3, row by row. An estimator that gets 0 trusts without limit.
         variances = [max(settings.position_noise_m, 0.005) ** 2] * 3 + [
             max(settings.attitude_noise_rad, 0.002) ** 2
@@ -75,14 +86,14 @@ class Outgoing:
 
         Args:
             estimate: the tracker's.
-            ardupilot: it takes no other frame than LOCAL_FRD, even when x is north.
+            ardupilot: it takes no other frame than LOCAL_FRD.
         """
         ned = pose_to_ned(estimate.pose)
         time_usec, resets = int(ned.t_s * 1e6), estimate.resets % 256
         place = (ned.north_m, ned.east_m, ned.down_m)
         if self._feed is Feed.ODOMETRY:
-            north = self._align is Align.NORTH and not ardupilot
-            frame = mavlink.MAV_FRAME_LOCAL_NED if north else mavlink.MAV_FRAME_LOCAL_FRD
+            ned_frame = self._frame is LocalFrame.LOCAL_NED and not ardupilot
+            frame = mavlink.MAV_FRAME_LOCAL_NED if ned_frame else mavlink.MAV_FRAME_LOCAL_FRD
             self._sender.odometry_send(
                 *(time_usec, frame, mavlink.MAV_FRAME_BODY_FRD, *place),
                 quaternion(ned.yaw_rad, ned.pitch_rad, ned.roll_rad),

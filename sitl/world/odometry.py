@@ -14,6 +14,7 @@ from companion.errors import InputError
 from companion.model import Pose
 from sitl.scene.sensors import PoseEstimate
 from sitl.world.placement import moved
+from sitl.world.trouble import Trouble, Troubled
 
 LARGEST_DELAY_S = 2.0
 MOST_LATE = 512
@@ -116,6 +117,7 @@ class Odometry:
             pose_drift_share=settings.drift_share,
         )
         self._estimate = PoseEstimate(self._noise, rng)
+        self._troubled = Troubled()
         self._start: Pose | None = None
         self._began_s: float | None = None
         self._next_s = 0.0
@@ -145,7 +147,7 @@ class Odometry:
                 self.restart()
             self._start = true
         self._seen_s = t_s
-        estimated = self._estimate.of(true)
+        estimated = self._troubled.of(self._estimate.of(true))
         if settings.loss_share > 0.0 and self._rng.random() < settings.loss_share:
             self.lost += 1
             return False
@@ -162,6 +164,10 @@ class Odometry:
             out.append(self._under_way.popleft()[1])
         return out
 
+    def begin(self, trouble: Trouble) -> None:
+        """Something goes wrong from now on, or no longer."""
+        self._troubled.begin(trouble)
+
     def restart(self) -> None:
         """The tracker has lost itself: its next estimate is the zero of a new frame."""
         self.resets += 1
@@ -169,6 +175,8 @@ class Odometry:
         self._estimate = PoseEstimate(self._noise, self._rng)
 
     def _blind(self, since_begin_s: float) -> bool:
+        if self._troubled.now.lost:
+            return True
         if self._settings.outage_s is None:
             return False
         begin_s, length_s = self._settings.outage_s

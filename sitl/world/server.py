@@ -22,12 +22,13 @@ from companion.model import Observation, Pose
 from companion.sensors.drivers.stream_server import StreamServer
 from sitl.scene.render import DepthRenderer
 from sitl.scene.sensors import SensorRig
-from sitl.world.connection import Connection, TruthUrl
+from sitl.world.connection import Connection, PeerUrl
 from sitl.world.contact_monitor import ContactMonitor, Look, Trajectory, write_score
-from sitl.world.handshake import Handshake, wanted_ids
-from sitl.world.mavlink_out import Feed, Outgoing, bins_of_beams, bins_of_planar
+from sitl.world.handshake import Handshake, send_heartbeat, told_an_origin, wanted_ids
+from sitl.world.mavlink_out import Feed, LocalFrame, Outgoing, bins_of_beams, bins_of_planar
 from sitl.world.odometry import Odometry, OdometrySettings
 from sitl.world.placement import Placer, Scene
+from sitl.world.trouble import commanded
 from sitl.world.truth_messages import TruthKind, TruthReader
 
 log = logging.getLogger(__name__)
@@ -45,19 +46,22 @@ INTERRUPTED, TERMINATED = "interrupted", "terminated"
 class Plan:
     """What the world is asked to do; the command's options say what each means."""
 
-    truth: TruthUrl
+    truth: PeerUrl
     stream_url: str
     system_id: int = 1
     truth_from: TruthKind = TruthKind.AUTO
     truth_hz: float = 50.0
     feed: Feed = Feed.NONE
     odometry: OdometrySettings = field(default_factory=OdometrySettings)
+    odometry_to: PeerUrl | None = None
+    frame: LocalFrame = LocalFrame.LOCAL_NED
     gps: bool = True
     send_distance_sensor: bool = False
     send_obstacle_distance: bool = False
     stop_on_contact: bool = False
     score: Path | None = None
     trajectory: Path | None = None
+    control_port: int | None = None
     verbose: bool = False
 
 
@@ -98,9 +102,16 @@ class WorldServer:
         self._placer = Placer(scene.stand)
         self._odometry = Odometry(plan.odometry, np.random.default_rng(to_odometry))
         self._connection = Connection(plan.truth, plan.system_id, wanted_ids(plan.truth_from), clock, self._on_message)
-        sender = self._connection.mavlink
-        self._outgoing = Outgoing(sender, plan.feed, plan.odometry)
-        self._handshake = Handshake(sender, plan.system_id, self._reader, plan.truth_hz, not plan.gps)
+        self._connections = [self._connection]
+        if plan.odometry_to is not None:
+            # Who passes odometry on also tells what the autopilot says, which is known already.
+            nothing = frozenset[int]()
+            self._connections.append(Connection(plan.odometry_to, plan.system_id, nothing, clock, self._on_message))
+        sender, tracker = self._connection.mavlink, self._connections[-1].mavlink
+        self._outgoing = Outgoing(sender, plan.feed, plan.odometry, plan.frame)
+        self._tracker = Outgoing(tracker, plan.feed, plan.odometry, plan.frame)
+        told = told_an_origin(plan.gps, plan.frame)
+        self._handshake = Handshake(sender, plan.system_id, self._reader, plan.truth_hz, told)
         self._trajectory = Trajectory(plan.trajectory)
         self._newest: tuple[Pose, int] | None = None
         self._restarts_seen = 0
@@ -118,13 +129,16 @@ class WorldServer:
         renderer = ThreadPoolExecutor(1, thread_name_prefix="render")
         try:
             with self._trajectory, signals_call(self.stop):
-                async with StreamServer(self._plan.stream_url, self._camera, self._clock) as server:
+                async with (
+                    commanded(self._plan.control_port, self._odometry.begin),
+                    StreamServer(self._plan.stream_url, self._camera, self._clock) as server,
+                ):
                     self._say(self._introduction(server))
                     ended = await first_of(
                         self._stop.wait(),
-                        self._connection.run(),
+                        *(one.run() for one in self._connections),
                         self._render(renderer, server),
-                        every(SEND_S, lambda: self._handshake.send_due(self._clock.now_s())),
+                        every(SEND_S, self._send_due),
                         every(SCORE_S, self._keep_score, at_once=False),
                         every(STATUS_S, lambda: self._say_status(server), at_once=False),
                     )
@@ -157,7 +171,7 @@ class WorldServer:
             "truth_messages": self._truths,
             "truth_refused": self._reader.refused,
             "malformed_messages": self._connection.counts.malformed,
-            "unsent_messages": self._connection.counts.unsent,
+            "unsent_messages": sum(one.counts.unsent for one in self._connections),
             "depth_frames": self._frames,
             "range_readings": self._readings,
             "odometry": str(self._plan.feed),
@@ -191,9 +205,14 @@ class WorldServer:
             else:
                 self._send_odometry()
 
+    def _send_due(self) -> None:
+        self._handshake.send_due(self._clock.now_s())
+        for one in self._connections[1:]:
+            send_heartbeat(one.mavlink)
+
     def _send_odometry(self) -> None:
         for estimate in self._odometry.due(self._clock.now_s()):
-            self._outgoing.odometry(estimate, self._handshake.is_ardupilot)
+            self._tracker.odometry(estimate, self._handshake.is_ardupilot)
             self._estimates += 1
 
     async def _render(self, renderer: ThreadPoolExecutor, server: StreamServer) -> None:
@@ -246,10 +265,11 @@ class WorldServer:
     def _introduction(self, server: StreamServer) -> str:
         camera, plan = self._camera, self._plan
         feed = "no odometry" if plan.feed is Feed.NONE else f"{plan.feed} at {plan.odometry.rate_hz:g} Hz"
+        to = "the autopilot" if plan.odometry_to is None else plan.odometry_to
         return (
             f"{self._scene.world.name}: depth {camera.width_px} x {camera.height_px} at "
-            f"{self._settings.sensors.camera.rate_hz:g} Hz and ranges at {server.url}, {feed} to the autopilot; "
-            f"waiting for its truth at {plan.truth.kind}://{plan.truth.host}:{plan.truth.port}"
+            f"{self._settings.sensors.camera.rate_hz:g} Hz and ranges at {server.url}, {feed} to {to}; "
+            f"waiting for its truth at {plan.truth}"
         )
 
     def _say_status(self, server: StreamServer) -> None:

@@ -32,6 +32,7 @@ class FakeLink:
     def __init__(self, clock: Clock, kind: AutopilotKind = AutopilotKind.PX4, system_id: int = 1) -> None:
         self.kind = kind
         self.system_id = system_id
+        self.arming_problems: tuple[str, ...] = ()
         self._clock = clock
         self._inbox = Inbox(system_id, lambda call: call())
         self.sent: list[tuple[str, dict[str, Any]]] = []

@@ -14,12 +14,14 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.autopilot.link import MavsdkLink
 from companion.clock import MonotonicClock
 from companion.config.autopilot import AutopilotSettings
+from companion.mavlink.codec import checksum
 from sitl.launch.processes import free_udp_ports
 from tests.shared.beside import OwnThread
 
 ARM, LAND = 400, 21
 """Two commands: what they do plays no part here."""
 FLOAT, INT32 = 9, 6
+EVENT, EVENT_CRC_EXTRA = 410, 160
 FIRMWARE = {"px4": 12, "ardupilot": 3}
 
 
@@ -58,6 +60,13 @@ class Responder(OwnThread):
 
     def raw(self, data: bytes) -> None:
         self._socket.sendto(data, self._target)
+
+    def event(self, number: int, log_levels: int) -> None:
+        """PX4's EVENT (410), which pymavlink does not know: time, sequence and arguments are zero."""
+        payload = struct.pack("<IIHBBB", number, 0, 0, 0, 0, log_levels)
+        header = struct.pack("<BBBBBBHB", len(payload), 0, 0, 0, 1, 1, EVENT & 0xFFFF, EVENT >> 16)
+        crc = checksum(header + payload + bytes([EVENT_CRC_EXTRA]))
+        self.raw(b"\xfd" + header + payload + struct.pack("<H", crc))
 
     def named(self, name: str) -> list[Any]:
         """Everything of this name that came in."""

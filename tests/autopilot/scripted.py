@@ -11,6 +11,7 @@ from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle import Vehicle
 from companion.config.settings import Settings
 from companion.mavlink.firmware import AutopilotKind
+from companion.mavlink.ids import MavState
 from companion.mavlink.modes import px4_mode
 from companion.model import Setpoint
 from tests.autopilot.fake_link import FakeLink
@@ -19,6 +20,7 @@ from tests.shared.clocks import HandClock
 PX4_TAKEOFF, PX4_HOLD, PX4_LAND, PX4_OFFBOARD = px4_mode(4, 2), px4_mode(4, 3), px4_mode(4, 6), px4_mode(6)
 PX4_POSITION = px4_mode(3)
 GUIDED, LOITER, LAND, BRAKE = 4, 5, 9, 17
+ATTITUDE = ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed")
 STEP_S = 0.05
 FAILSAFE_S = 0.5
 IDLE_S = 10.0
@@ -33,6 +35,8 @@ class ScriptedLink(FakeLink):
     async def command(self, command: int, *params: float, timeout_s: float = 2.0) -> int:
         """Record the command and give the autopilot's answer."""
         self.commands.append((command, params))
+        if self.on_command is not None:
+            self.on_command(command, params)
         if self.gone:
             raise LinkError(f"no answer to command {command} within {timeout_s} s")
         return self.answer(command, params)
@@ -90,7 +94,18 @@ class ScriptedAutopilot:
     def heartbeat(self) -> None:
         """Says what it is up to, and whether it stands on the ground."""
         self.link.deliver("EXTENDED_SYS_STATE", {"landed_state": 1 if self.height_m == 0.0 else 2})
-        self.link.deliver("HEARTBEAT", {"custom_mode": self.mode, "base_mode": 128 if self.armed else 0})
+        status = MavState.CRITICAL if self._failsafe else MavState.ACTIVE
+        self.link.deliver(
+            "HEARTBEAT",
+            {"custom_mode": self.mode, "base_mode": 128 if self.armed else 0, "system_status": status},
+        )
+
+    def moves(self, speed_mps: float) -> None:
+        """Says how fast it is, by a position and the attitude of the same time."""
+        boot_ms = round(1000.0 * self.clock.now_s())
+        self.link.deliver("ATTITUDE", {"time_boot_ms": boot_ms, **dict.fromkeys(ATTITUDE, 0.0)})
+        position = {"x": 0.0, "y": 0.0, "z": -self.height_m, "vx": speed_mps, "vy": 0.0, "vz": 0.0}
+        self.link.deliver("LOCAL_POSITION_NED", {"time_boot_ms": boot_ms, **position})
 
     def say(self, text: str) -> None:
         """A STATUSTEXT."""

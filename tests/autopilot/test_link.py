@@ -12,9 +12,12 @@ from pathlib import Path
 
 import pytest
 
+from companion.autopilot import px4_events
+from companion.autopilot.commands import LAST_WORD_S
 from companion.autopilot.inbox import PENDING, Inbox
 from companion.autopilot.interface import LinkError, Message
 from companion.mavlink.firmware import AutopilotKind
+from companion.mavlink.ids import MavCmd, MavState
 from sitl.launch.processes import free_udp_ports
 from tests.autopilot.loopback import ARM, FLOAT, INT32, LAND, Responder, link_on, linked
 from tests.shared.beside import until
@@ -122,6 +125,41 @@ async def test_what_is_sent_arrives_as_from_the_onboard_computer() -> None:
                 link.send(name, fields)
 
 
+async def test_of_the_heartbeats_of_this_component_only_the_true_one_leaves() -> None:
+    """Protects who reads the state of component 191: MAVSDK's own UNINIT beside ours flickered twice a second.
+
+    MAVSDK sends it once a second as soon as it has seen the autopilot, which it has when the link is there.
+    """
+    async with linked() as (link, autopilot):
+        begun_s = time.monotonic()
+        while time.monotonic() - begun_s < 2.5:
+            ours = {"type": 18, "autopilot": 8, "base_mode": 0, "custom_mode": 0, "system_status": MavState.STANDBY}
+            link.send("HEARTBEAT", ours | {"mavlink_version": 3})
+            await asyncio.sleep(0.25)
+        heard = [(beat.get_srcComponent(), beat.system_status) for beat in autopilot.named("HEARTBEAT")]
+        assert len(heard) > 5
+        assert set(heard) == {(191, MavState.STANDBY)}
+
+
+@pytest.mark.parametrize(("firmware", "told"), [("px4", True), ("ardupilot", False)])
+async def test_what_px4_says_in_events_is_told_as_its_texts(
+    firmware: str, told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Protects "the autopilot said" on PX4; ArduPilot says everything in STATUSTEXTs and is not listened to so.
+
+    This one has no metadata for MAVSDK, so the event comes by its number, the sooner for the test.
+    """
+    monkeypatch.setattr(px4_events, "METADATA_S", 0.0)
+    async with linked(firmware) as (link, autopilot):
+        texts: list[str] = []
+        link.events("STATUSTEXT", lambda message: texts.append(message.fields["text"]))
+        autopilot.event(0x01234ABC, log_levels=0x22)
+        autopilot._out.statustext_send(3, b"the last word")
+        await until(lambda: "the last word" in texts)
+        assert texts == ["event 0x01234abc, whose text the autopilot does not tell"] * told + ["the last word"]
+        assert link.arming_problems == ()
+
+
 async def test_a_dead_link_shows_in_the_age_of_the_heartbeats_only() -> None:
     """Protects the tick: sending to nobody must neither raise nor block."""
     async with linked() as (link, autopilot):
@@ -196,6 +234,23 @@ async def test_commands_give_the_last_result_and_are_sent_again_when_nobody_answ
         with pytest.raises(LinkError, match="in progress"):
             await link.command(98, timeout_s=0.6)
         assert len([message for message in autopilot.named("COMMAND_LONG") if message.command == 98]) == 1
+
+
+async def test_of_two_answers_to_a_change_of_mode_the_last_counts() -> None:
+    """Protects from believing PX4's receiver: it accepts a mode at once, which its commander refuses 4 to 12 ms later.
+
+    Nothing else is answered twice, and nothing else waits for a second word.
+    """
+    async with linked() as (link, autopilot):
+        mode = MavCmd.DO_SET_MODE
+        autopilot.answers = {mode: [[0, 4], [0, 0], [0], [4]], ARM: [[0, 4]]}
+        assert await link.command(mode) == 4
+        assert await link.command(mode) == 0
+        begun_s = time.monotonic()
+        assert await link.command(mode) == 0
+        assert time.monotonic() - begun_s >= LAST_WORD_S
+        assert await link.command(mode) == 4
+        assert await link.command(ARM, 1.0) == 0
 
 
 async def test_a_slow_command_does_not_hold_up_another() -> None:

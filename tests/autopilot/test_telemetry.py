@@ -11,11 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.autopilot.telemetry import TEXTS, Telemetry
+from companion.autopilot.message_rates import wanted_hz
+from companion.autopilot.telemetry import SAID_TWICE_S, TEXTS, Telemetry
 from companion.autopilot.vehicle_state import VehicleState
 from companion.config.settings import Settings
 from companion.mavlink.firmware import AutopilotKind
-from companion.mavlink.ids import MavCmd
+from companion.mavlink.ids import MavChargeState, MavCmd
 from companion.model import Pose
 from tests.autopilot.fake_link import FakeLink
 from tests.shared.clocks import HandClock
@@ -30,23 +31,34 @@ ESTIMATOR_GOOD = 1 | 2 | 4 | 8 | 32
 class Autopilot:
     """An autopilot that flies north at 1 m/s and turns, seen through a link with a delay."""
 
-    def __init__(self, kind: AutopilotKind = AutopilotKind.PX4) -> None:
+    def __init__(self, kind: AutopilotKind = AutopilotKind.PX4, settings: Settings | None = None) -> None:
         self.clock = HandClock()
         self.link = FakeLink(self.clock, kind)
-        self.telemetry = Telemetry(self.link, self.clock, Settings())
+        self.telemetry = Telemetry(self.link, self.clock, settings or Settings())
         self.booted_s = BOOTED_S
         self.delay_s = 0.01
+        self.rate = 1.0
+        """Seconds of its clock in one of ours."""
         self.answers_time = True
         self.link.on_send = self._heard
 
     def _heard(self, name: str, fields: dict[str, Any]) -> None:
         if name == "TIMESYNC" and self.answers_time:
-            answer = round((self.clock.now_s() + self.delay_s - self.booted_s) * 1e9)
+            answer = round(self.boot_s(self.clock.now_s() + self.delay_s) * 1e9)
             self.clock.advance(2 * self.delay_s)
             self.link.deliver("TIMESYNC", {"tc1": answer, "ts1": fields["ts1"]})
 
+    def boot_s(self, at_s: float) -> float:
+        return self.rate * (at_s - self.booted_s)
+
+    def runs(self, rate: float) -> None:
+        """From now on its clock runs at this rate."""
+        now_s = self.clock.now_s()
+        self.booted_s = now_s - self.boot_s(now_s) / rate
+        self.rate = rate
+
     def boot_ms(self) -> int:
-        return round(1000.0 * (self.clock.now_s() - self.delay_s - self.booted_s))
+        return math.floor(1000.0 * self.boot_s(self.clock.now_s() - self.delay_s))
 
     def attitude(self, **changed: float) -> None:
         fields = {"roll": 0.1, "pitch": 0.05, "yaw": 0.3, "rollspeed": 0.0, "pitchspeed": 0.0, "yawspeed": 0.4}
@@ -104,7 +116,34 @@ def test_poses_come_in_our_frames_at_the_time_of_their_measurement() -> None:
     assert pose.yaw_rad == pytest.approx(math.pi / 2 - 0.3)
     assert (pose.roll_rad, pose.pitch_rad, pose.yaw_rate_radps) == pytest.approx((0.1, -0.05, -0.4))
     assert autopilot.state().pose_age_s == pytest.approx(0.08, abs=0.002)
-    assert autopilot.telemetry.clock_residual_s == pytest.approx(0.08, abs=0.002)
+    residual_s = autopilot.telemetry.clock_residual_s
+    assert residual_s is not None
+    assert 0.08 < residual_s < 0.1
+
+
+@pytest.mark.parametrize("rates", [[0.97], [1.03], [0.992, 0.969, 0.98, 0.992]])
+def test_the_age_of_a_pose_is_true_when_the_autopilots_clock_runs_slow_or_fast(rates: list[float]) -> None:
+    """Protects map and flight on a simulator that does not keep real time, and whose rate follows its load."""
+    autopilot = Autopilot()
+    autopilot.rate = rates[0]
+    autopilot.fly(2.0)
+    for rate in rates * (12 // len(rates)):
+        autopilot.runs(rate)
+        for _ in range(100):
+            autopilot.fly(0.02)
+            autopilot.telemetry.ask(autopilot.clock.now_s())
+            autopilot.clock.advance(0.005)
+            autopilot.attitude()
+            autopilot.position()
+            age_s = autopilot.state().pose_age_s
+            assert age_s >= 0.0
+            assert abs(age_s - autopilot.delay_s) < 0.02
+    assert autopilot.telemetry.restarts == 0
+    assert autopilot.telemetry.malformed == 0
+    assert autopilot.telemetry.clock_rate == pytest.approx(rates[-1], abs=0.01)
+    residual_s = autopilot.telemetry.clock_residual_s
+    assert residual_s is not None
+    assert residual_s < 0.03, "what pre-flight demands"
 
 
 def test_without_timesync_the_least_delay_is_used() -> None:
@@ -148,17 +187,33 @@ def test_time_answers_that_nobody_asked_for_are_ignored() -> None:
     autopilot.clock.advance(0.01)
     for _ in range(2):
         autopilot.link.deliver("TIMESYNC", {"tc1": 10**11, "ts1": question})
-    assert autopilot.telemetry.clock_residual_s == pytest.approx(0.005), "an answer counts once"
+    assert autopilot.telemetry.clock_round_trip_s == pytest.approx(0.01), "an answer counts"
+    autopilot.clock.advance(1.0)
+    residual_s = autopilot.telemetry.clock_residual_s
+    autopilot.link.deliver("TIMESYNC", {"tc1": 10**11 + 10**9, "ts1": question})
+    assert autopilot.telemetry.clock_residual_s == residual_s, "and counts once"
 
 
-def test_timesync_is_asked_often_at_first_and_seldom_later() -> None:
-    """Protects a slow serial link, and the alignment in the first seconds."""
+@pytest.mark.parametrize(("rate", "least", "most"), [(1.0, 15, 20), (0.9999, 15, 20), (0.98, 60, 100)])
+def test_timesync_is_asked_often_at_first_and_of_a_clock_that_drifts(rate: float, least: int, most: int) -> None:
+    """Protects a slow serial link, the alignment in the first seconds, and that with a simulation."""
     autopilot = Autopilot()
+    autopilot.rate = rate
     autopilot.fly(5.0)
-    assert 9 <= len(autopilot.link.sent_named("TIMESYNC")) <= 11
+    assert 18 <= len(autopilot.link.sent_named("TIMESYNC")) <= 26
     autopilot.link.sent.clear()
     autopilot.fly(20.0)
-    assert 3 <= len(autopilot.link.sent_named("TIMESYNC")) <= 5
+    assert least <= len(autopilot.link.sent_named("TIMESYNC")) <= most
+
+
+def test_timesync_is_asked_often_while_the_round_trips_are_slow() -> None:
+    """Protects stamps over a radio: the more questions, the more of them meet an empty queue."""
+    autopilot = Autopilot()
+    autopilot.delay_s = 0.04
+    autopilot.fly(10.0)
+    autopilot.link.sent.clear()
+    autopilot.fly(10.0)
+    assert len(autopilot.link.sent_named("TIMESYNC")) > 25
 
 
 def test_a_message_is_never_from_the_future() -> None:
@@ -187,7 +242,7 @@ def test_a_restart_of_the_autopilot_forgets_the_poses_and_asks_for_everything_ag
     assert autopilot.telemetry.restarts == 1
     assert autopilot.telemetry.poses.newest() is None
     autopilot.fly(0.2)
-    assert len(autopilot.intervals_asked()) == 6
+    assert len(autopilot.intervals_asked()) == 7
     assert autopilot.clock.now_s() - autopilot.pose().t_s < 0.05
 
 
@@ -220,7 +275,7 @@ def test_rates_are_asked_for_and_asked_again_only_where_they_are_missing(kind: A
     autopilot.telemetry.ask(autopilot.clock.now_s())
     estimator = 230 if kind is AutopilotKind.PX4 else 193
     assert sorted(autopilot.intervals_asked()) == [
-        (1, 1e6), (30, 2e4), (32, 2e4), (147, 1e6), (estimator, 2e5), (245, 5e5)
+        (1, 1e6), (24, 1e5), (30, 2e4), (32, 2e4), (147, 1e6), (estimator, 1e5), (245, 5e5)
     ]  # fmt: skip
     autopilot.link.sent.clear()
     for _ in range(200):
@@ -232,6 +287,57 @@ def test_rates_are_asked_for_and_asked_again_only_where_they_are_missing(kind: A
     asked = [number for number, _ in autopilot.intervals_asked()]
     assert 30 not in asked, "comes as asked"
     assert asked.count(32) == 1, "comes at 10 Hz instead of 50, asked again after 3 s"
+
+
+@pytest.mark.parametrize(
+    ("kind", "gps", "asked"),
+    [
+        (AutopilotKind.PX4, False, {33: 5e5}),
+        (AutopilotKind.PX4, True, {}),
+        (AutopilotKind.ARDUPILOT, False, {}),
+        (AutopilotKind.ARDUPILOT, True, {}),
+    ],
+)
+def test_without_gps_the_origin_and_px4s_global_position_are_asked_for_all_the_time(
+    kind: AutopilotKind, gps: bool, asked: dict[int, float]
+) -> None:
+    """Protects from a landing at 0/0: both are needed to see it coming, here and in the gate, also in flight.
+
+    PX4 sends the origin when it changes and when it is asked for, so it is asked for every second.
+    """
+    autopilot = Autopilot(kind, Settings.model_validate({"autopilot": {"gps": gps}}))
+    autopilot.fly(5.0)
+    intervals = {number: interval_us for number, interval_us in autopilot.intervals_asked() if number in (33, 49)}
+    assert intervals == asked
+    polls = [
+        fields
+        for fields in autopilot.link.sent_named("COMMAND_LONG")
+        if (fields["command"], fields["param1"]) == (MavCmd.REQUEST_MESSAGE, 49.0)
+    ]
+    assert len(polls) == (0 if gps else 5)
+
+
+def test_an_origin_that_is_no_longer_heard_is_not_known() -> None:
+    """Protects from the origin of an autopilot that was restarted and has none any more."""
+    autopilot = Autopilot()
+    state = autopilot.state()
+    assert (state.origin_set, state.global_position) == (False, False)
+    autopilot.link.deliver("GPS_GLOBAL_ORIGIN", {"latitude": 1, "longitude": 1, "altitude": 0})
+    autopilot.link.deliver("GLOBAL_POSITION_INT", {"lat": 1, "lon": 1})
+    state = autopilot.state()
+    assert (state.origin_set, state.global_position) == (True, True)
+    autopilot.clock.advance(4.0)
+    state = autopilot.state()
+    assert (state.origin_set, state.global_position) == (False, False)
+
+
+@pytest.mark.parametrize("kind", list(AutopilotKind))
+def test_the_position_fix_is_asked_for_where_it_flies_by_gps(kind: AutopilotKind) -> None:
+    """Protects the gate's sight of a lost fix: ArduPilot tells it only to who asks, oftener than the gate misses it."""
+    settings = Settings()
+    with_gps = wanted_hz(kind, settings.autopilot.model_copy(update={"gps": True}))
+    assert 2.0 / with_gps["GPS_RAW_INT"] < settings.safety.stale.gps_s, "one may be lost"
+    assert "GPS_RAW_INT" not in wanted_hz(kind, settings.autopilot.model_copy(update={"gps": False}))
 
 
 def test_the_version_is_asked_for_until_it_comes() -> None:
@@ -278,6 +384,20 @@ def test_the_state_is_what_the_messages_say() -> None:
     assert (state.armed, state.mode, state.landed) == (False, "position", True)
 
 
+def test_the_speed_is_the_median_of_three_seconds() -> None:
+    """Protects the check of the standing vehicle from a single sample, and from what was said long ago."""
+    autopilot = Autopilot()
+    assert autopilot.state().speed_mps is None
+    autopilot.fly(4.0)
+    assert autopilot.state().speed_mps == pytest.approx(math.hypot(1.0, 0.1))
+    for _ in range(80):  # 1.6 s of standing: more than half of the last three
+        autopilot.clock.advance(0.02)
+        autopilot.position(vx=0.0, vz=0.0)
+    assert autopilot.state().speed_mps == 0.0
+    autopilot.clock.advance(3.1)
+    assert autopilot.state().speed_mps is None
+
+
 def test_what_was_said_long_ago_no_longer_counts() -> None:
     """Protects against an estimator that was healthy before the link died."""
     autopilot = Autopilot()
@@ -294,7 +414,7 @@ def test_what_was_said_long_ago_no_longer_counts() -> None:
         (AutopilotKind.PX4, ESTIMATOR_GOOD, True),
         (AutopilotKind.PX4, ESTIMATOR_GOOD | 1024, True),  # a GPS glitch does not matter underground
         (AutopilotKind.PX4, ESTIMATOR_GOOD | 2048, False),
-        (AutopilotKind.PX4, ESTIMATOR_GOOD | 128, False),
+        (AutopilotKind.PX4, ESTIMATOR_GOOD | 128, True),  # at rest
         (AutopilotKind.PX4, ESTIMATOR_GOOD & ~8, False),
         (AutopilotKind.PX4, ESTIMATOR_GOOD & ~8 | 16, True),
         (AutopilotKind.PX4, ESTIMATOR_GOOD & ~2, False),
@@ -309,7 +429,8 @@ def test_the_estimator_is_healthy_with_a_relative_position(kind: AutopilotKind, 
     autopilot = Autopilot(kind)
     name = "ESTIMATOR_STATUS" if kind is AutopilotKind.PX4 else "EKF_STATUS_REPORT"
     autopilot.link.deliver(name, {"flags": flags})
-    assert autopilot.state().position_valid is valid
+    state = autopilot.state()
+    assert (state.position_valid, state.estimator_flags) == (valid, flags)
 
 
 def test_a_battery_that_sys_status_does_not_measure_is_read_from_battery_status() -> None:
@@ -321,6 +442,67 @@ def test_a_battery_that_sys_status_does_not_measure_is_read_from_battery_status(
     assert autopilot.state().battery_percent == 40.0
 
 
+@pytest.mark.parametrize(
+    ("name", "fields", "voltage_v"),
+    [
+        ("SYS_STATUS", {"voltage_battery": 12345}, 12.345),
+        ("SYS_STATUS", {"voltage_battery": 65535}, None),
+        ("SYS_STATUS", {"voltage_battery": 0}, None),
+        ("SYS_STATUS", {"voltage_battery": True}, None),
+        ("BATTERY_STATUS", {"voltages": [4000, 4100, 3900] + [65535] * 7}, 12.0),
+        ("BATTERY_STATUS", {"voltages": [65535] * 10}, None),
+        ("BATTERY_STATUS", {"voltages": "none"}, None),
+        ("BATTERY_STATUS", {"voltages": [4000, None, math.nan, -5]}, 4.0),
+    ],
+)
+def test_the_voltage_is_read_from_either_message(name: str, fields: dict[str, Any], voltage_v: float | None) -> None:
+    autopilot = Autopilot()
+    autopilot.link.deliver(name, fields)
+    assert autopilot.state().voltage_v == (None if voltage_v is None else pytest.approx(voltage_v))
+    autopilot.clock.advance(11.0)
+    assert autopilot.state().voltage_v is None, "stale is not fresh"
+
+
+def test_the_worst_charge_of_all_batteries_counts_while_it_is_fresh() -> None:
+    """Protects from the battery that is still good and speaks last."""
+    autopilot = Autopilot()
+    assert autopilot.state().charge_state is None
+    for number, state in ((0, 1), (1, 3), (2, 7), (3, 0), (4, 99), (99, 5)):
+        autopilot.link.deliver("BATTERY_STATUS", {"id": number, "charge_state": state})
+    assert autopilot.state().charge_state is MavChargeState.CRITICAL
+    autopilot.link.deliver("BATTERY_STATUS", {"id": 1, "charge_state": 1})
+    assert autopilot.state().charge_state is MavChargeState.OK
+    autopilot.clock.advance(11.0)
+    assert autopilot.state().charge_state is None
+
+
+def test_a_voltage_has_to_stay_low() -> None:
+    """Protects a flight from the sag of its take-off, and from a battery that is empty."""
+    autopilot = Autopilot(settings=Settings.model_validate({"mission": {"battery_low_v": 10.5}}))
+
+    def seconds_of(voltage_v: float, seconds: int) -> float:
+        for _ in range(seconds):
+            autopilot.clock.advance(1.0)
+            autopilot.link.deliver("SYS_STATUS", {"voltage_battery": round(1000 * voltage_v)})
+        return autopilot.state().low_voltage_s
+
+    assert seconds_of(12.0, 3) == 0.0
+    assert seconds_of(10.2, 3) == 2.0
+    assert seconds_of(10.6, 1) == 0.0
+    assert seconds_of(10.2, 8) == 7.0
+    unjudged = Autopilot()
+    unjudged.link.deliver("SYS_STATUS", {"voltage_battery": 100})
+    unjudged.clock.advance(5.0)
+    assert unjudged.state().low_voltage_s == 0.0
+
+
+@pytest.mark.parametrize(("status", "critical"), [(3, False), (4, False), (5, True), (6, True), (None, False)])
+def test_a_heartbeat_in_distress_is_told(status: int | None, critical: bool) -> None:
+    autopilot = Autopilot()
+    autopilot.link.deliver("HEARTBEAT", {"base_mode": 129, "custom_mode": PX4_OFFBOARD, "system_status": status})
+    assert autopilot.state().critical is critical
+
+
 def test_texts_are_bounded() -> None:
     """Protects memory from an autopilot that complains ten times a second."""
     autopilot = Autopilot()
@@ -328,6 +510,24 @@ def test_texts_are_bounded() -> None:
         autopilot.link.deliver("STATUSTEXT", {"severity": 6, "text": str(i)})
     texts = autopilot.telemetry.texts
     assert [text.text for text in texts] == [str(i) for i in range(30, TEXTS + 30)]
+
+
+def test_what_px4_says_as_text_and_as_event_is_told_once() -> None:
+    """Protects the reasons of a refusal from being read as twice as many; what is said again later is news."""
+    autopilot = Autopilot()
+
+    def says(*said: str) -> None:
+        for text in said:
+            # As a STATUSTEXT some of them end with what only a ground station makes something of.
+            autopilot.link.deliver("STATUSTEXT", {"severity": 4, "text": text})
+
+    says("Arming denied", "Battery low\t")
+    autopilot.clock.advance(SAID_TWICE_S)
+    says("Arming denied", "Battery low")
+    assert [text.text for text in autopilot.telemetry.texts] == ["Arming denied", "Battery low"]
+    autopilot.clock.advance(0.01)
+    says("Battery low")
+    assert [text.text for text in autopilot.telemetry.texts] == ["Arming denied", "Battery low", "Battery low"]
 
 
 values = st.one_of(
@@ -340,6 +540,7 @@ names = st.sampled_from([
 keys = st.sampled_from([
     "time_boot_ms", "roll", "pitch", "yaw", "yawspeed", "x", "y", "z", "vx", "vy", "vz", "tc1", "ts1", "text",
     "severity", "base_mode", "custom_mode", "battery_remaining", "landed_state", "flags", "flight_sw_version",
+    "system_status", "voltage_battery", "voltages", "charge_state", "id",
 ])  # fmt: skip
 
 
@@ -356,6 +557,7 @@ def test_malformed_messages_are_never_believed_and_never_crash(messages: list[tu
     pose = autopilot.telemetry.poses.newest()
     assert pose is None or all(math.isfinite(getattr(pose, name)) for name in type(pose).__slots__)
     assert state.battery_percent is None or 0.0 <= state.battery_percent <= 100.0
+    assert state.voltage_v is None or 0.0 < state.voltage_v < math.inf
 
 
 async def test_run_asks_until_it_is_cancelled() -> None:
@@ -364,5 +566,5 @@ async def test_run_asks_until_it_is_cancelled() -> None:
     asking = asyncio.create_task(autopilot.telemetry.run())
     await autopilot.clock.sleep(1.2)
     asking.cancel()
-    assert 2 <= len(autopilot.link.sent_named("TIMESYNC")) <= 3, "twice a second at first"
+    assert 5 <= len(autopilot.link.sent_named("TIMESYNC")) <= 7, "five times a second at first"
     assert autopilot.intervals_asked()

@@ -15,20 +15,20 @@ from tests.autopilot.scripted import ARDUPILOT, KINDS, PX4, Flight, flying
 
 
 async def test_setpoints_turn_and_climb_the_mavlink_way() -> None:
-    """Left turn and climb are negative in the autopilot's frame: a sign lost here flies into the roof."""
+    """To the left, left turn and climb are negative in the autopilot's frame: a sign lost here flies into the roof."""
     async with flying(PX4) as one:
-        assert one.vehicle.send(Setpoint(one.clock.now_s(), 0.25, 0.125, 0.5))
+        assert one.vehicle.send(Setpoint(one.clock.now_s(), 0.25, 0.125, 0.5, 0.0625))
         sent = one.setpoints[-1]
-        assert (sent["vx"], sent["vz"], sent["yaw_rate"]) == (0.25, -0.125, -0.5)
+        assert (sent["vx"], sent["vy"], sent["vz"], sent["yaw_rate"]) == (0.25, -0.0625, -0.125, -0.5)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize("field", [0, 1, 2])
+@pytest.mark.parametrize("field", [0, 1, 2, 3])
 async def test_what_is_not_finite_never_leaves(bad: float, field: int) -> None:
     """Protects the autopilot from NaN, which MAVLink uses for "not set", and from infinity."""
     async with flying(PX4) as one:
         sent = len(one.setpoints)
-        values = [0.1, 0.1, 0.1]
+        values = [0.1, 0.1, 0.1, 0.1]
         values[field] = bad
         assert not one.vehicle.send(Setpoint(one.clock.now_s(), *values))
         assert len(one.setpoints) == sent

@@ -55,15 +55,16 @@ async def test_no_setpoint_goes_out_before_ardupilot_flies() -> None:
         assert one.link.commands[2][1][6] == H_M
 
 
-async def test_px4_without_gps_is_told_an_origin_and_arms_in_offboard() -> None:
-    """Protects the take-off underground: PX4 cannot hold without a global origin, so it must not be asked to."""
+async def test_px4_without_gps_arms_in_offboard_and_is_told_no_origin_any_more() -> None:
+    """Protects the take-off underground: PX4 may have no global origin, without which it cannot hold.
+
+    An origin that is told here, after the checks, could turn every landing into a flight to 0°/0°.
+    """
     one = Flight(PX4, gps=False)
     one.autopilot.hold_allowed = False
     async with one.vehicle:
         await one.up()
-        origin = one.link.sent_named("SET_GPS_GLOBAL_ORIGIN")
-        assert len(origin) == 1
-        assert origin[0]["latitude"] != 0
+        assert one.link.sent_named("SET_GPS_GLOBAL_ORIGIN") == []
         assert [command for command, _ in one.link.commands] == [176, 400]
         assert one.modes_asked == [(1.0, 6.0, 0.0)]
 
@@ -78,6 +79,17 @@ async def test_a_refusal_to_arm_is_told_in_the_autopilots_words() -> None:
             await one.up()
     assert not one.autopilot.armed
     assert one.modes_asked == [(1.0, 4.0, 0.0)], "nothing to hold or land: it never armed"
+
+
+async def test_a_refusal_to_arm_names_the_checks_of_the_autopilot_that_failed() -> None:
+    """Protects the person who looks for the reason: PX4's own report knows it where it says only that it refuses."""
+    one = Flight(PX4, gps=False)
+    one.link.arming_problems = ("No valid position estimate", "Battery low")
+    one.autopilot.refuses_to_arm = ["Arming denied"] * 100
+    checks = "because of its own checks: No valid position estimate; Battery low"
+    with pytest.raises(FlightError, match=rf"refuses to arm \(failed\), {checks}\. The .* said: Arming denied$"):
+        async with one.vehicle:
+            await one.up()
 
 
 async def test_a_reason_not_to_arm_may_pass() -> None:

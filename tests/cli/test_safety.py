@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 
 from companion.cli import main as cli
 from companion.config.load import load_settings
-from companion.gate.faults import Fault
+from companion.gate.faults import Fault, Stage
 from companion.text_table import WIDTH
 
 ROOT = Path(__file__).parents[2]
@@ -43,7 +44,8 @@ def test_budget_of_the_default(run: Run) -> None:
     assert (code, errors) == (0, "")
     assert max(map(len, printed.splitlines())) <= WIDTH
     for name in (*Fault, "gate killed", "computer dead", "link cut"):
-        assert f"\n{name} " in printed
+        assert (f"\n{name} " in printed) == (name is not Fault.NOT_OBEYED), "nothing bounds who does not obey"
+    assert "A vehicle that does not obey is bounded by nothing." in " ".join(printed.split())
     assert "no wall can be reached" in printed
     assert "d_s = 1 m, d_c = 0.7 m" in printed
 
@@ -52,16 +54,16 @@ def test_budget_of_one_in_which_a_wall_can_be_reached(run: Run) -> None:
     """The table is printed all the same: it shows how much is missing."""
     code, printed, errors = run("budget", "--preset", "table_i")
     assert code == 2
-    assert "A WALL CAN BE REACHED: depth_stale" in printed
-    assert errors.startswith("a wall can be reached:\n- depth_stale: ")
+    assert "A WALL CAN BE REACHED: setpoint_late" in printed
+    assert errors.startswith("a wall can be reached:\n- setpoint_late: ")
 
 
 def test_budget_for_programs(run: Run) -> None:
     code, printed, _ = run("budget", "--json")
     lines = {line["fault"]: line for line in json.loads(printed)}
     assert code == 0
-    assert len(lines) == len(Fault) + 3
-    assert lines["depth_stale"]["remaining_m"] == pytest.approx(0.1245, abs=1e-3)
+    assert len(lines) == len(set(Fault) - {Fault.NOT_OBEYED}) + 3
+    assert lines["depth_stale"]["remaining_m"] == pytest.approx(0.1145, abs=1e-3)
     assert lines["depth_stale"]["reaches_wall"] is False
 
 
@@ -108,3 +110,38 @@ def test_the_safety_case_has_a_place_for_the_matrix_and_names_every_fault() -> N
     assert "<!-- matrix:end -->" in text
     for fault in Fault:
         assert f"| `{fault}` |" in text
+
+
+def test_every_row_of_the_budget_can_be_added_up(run: Run) -> None:
+    """Protects the reader's check: speed, three times, brake and creep on paper give the distance that is shown."""
+    rows = 0
+    for line in run("budget", "--preset", "table_i")[1].splitlines():
+        cells = line.split()
+        numbers = [float(cell) for cell in cells if cell.lstrip("-").replace(".", "", 1).isdigit()]
+        if len(numbers) < 10:
+            continue
+        speed, detection, reaction, autopilot, brake, creep, begun, distance, stands, _left = numbers
+        assert speed * (detection + reaction + autopilot) + speed**2 / (2.0 * brake) + creep == pytest.approx(
+            distance, abs=0.02
+        )
+        assert begun - distance == pytest.approx(stands, abs=0.011)
+        rows += 1
+    assert rows == len(set(Fault) - {Fault.NOT_OBEYED, Fault.MAP}) + 3
+
+
+def test_every_text_of_the_gate_is_in_the_safety_case() -> None:
+    """Protects the pilot, who reads a text once and has to know what to do: each has a row that says so."""
+    rows = [line for line in SAFETY_CASE.read_text(encoding="utf-8").splitlines() if line.startswith("| `gate: ")]
+    assert all(len(row.strip("|").split("|")) == 3 for row in rows)
+    told = {re.sub(r"[^a-z_].*", "", row.removeprefix("| `gate: ")) for row in rows}
+    stages = {stage.name.lower() for stage in Stage}
+    assert told == {*Fault, *stages, "hands", "setpoint"}
+    fault_words = {row.removeprefix("| `gate: ").split("`")[0] for row in rows}
+    assert {"hands off: mode position", "hands off: autopilot's failsafe hold"} <= fault_words
+    rejected = next(row for row in rows if "setpoint rejected" in row)
+    for asked in ("speed", "climb", "yaw", "jumps by", "not finite", "in frame", "with type mask", "for 7/1"):
+        assert f"`{asked}" in rejected
+    for asked in ("in phase", "path not observed", "leaves the geofence"):
+        assert f"`{asked}" in rejected
+    battery = next(row for row in rows if "gate: battery" in row)
+    assert all(words in battery for words in ("14 %", "10.20 V", "`critical, says the autopilot`", "`low, says"))

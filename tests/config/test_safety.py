@@ -14,6 +14,8 @@ from companion.config.safety import CAUTIOUS, SafetySettings
 from companion.config.settings import Settings
 from companion.config.show import dump_yaml
 from companion.gate.faults import Fault
+from companion.gate.obedience import STAND_MPS
+from companion.station_keeping import MOST_MPS
 from tests.config.conftest import Write
 from tests.config.conftest import refusal as lines_of_refusal
 
@@ -48,6 +50,31 @@ def test_every_fault_has_its_answer_and_no_other_word_is_one() -> None:
 def test_only_harmless_faults_are_only_told(level: Any) -> None:
     """The defaults keep the rule that files have to keep."""
     assert {fault for fault, answer in ANSWERS[level].items() if answer[0] == "tell"} <= HARMLESS
+
+
+def test_who_is_led_back_to_its_place_cannot_be_called_disobedient(refusal: Refusal) -> None:
+    """A limit within what keeps a place would end each stop with a hold."""
+    said = refusal("safety: {not_obeyed_mps: 0.1}\n")
+    assert "safety.not_obeyed_mps" in said
+    assert "0.15" in said
+    assert safety(not_obeyed_mps=0.15).not_obeyed_mps > STAND_MPS > MOST_MPS
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("battery_v", "0"), ("battery_v", ".nan"), ("creep_m", "-0.1"), ("creep_m", ".inf"), ("not_obeyed_mps", ".nan")],
+)
+def test_numbers_that_would_switch_a_fault_off_or_make_no_sense_are_refused(
+    key: str, value: str, refusal: Refusal
+) -> None:
+    """A battery is not judged by null, which says so; a creep below nothing would lengthen every way."""
+    assert f"safety.{key}" in refusal(f"safety: {{{key}: {value}}}\n")
+
+
+@pytest.mark.parametrize(("key", "value"), [("aiding_s", "0.1"), ("gps_s", "0.2"), ("odometry_s", "0.01")])
+def test_who_misses_too_soon_is_refused(key: str, value: str, refusal: Refusal) -> None:
+    """A threshold below the spacing of the messages would be a fault in each flight."""
+    assert f"safety.stale.{key}" in refusal(f"safety: {{stale: {{{key}: {value}}}}}\n")
 
 
 class TestLevel:
@@ -155,6 +182,11 @@ class TestReactions:
         ("pose: {frozen_s: 0.05}", "safety.pose.frozen_s = 0.05 s must be at least 0.06 s with autopilot.position_hz"),
         ("stale: {hang_s: 1.0, beat_s: 1.0}", "safety.stale.hang_s = 1 s must be greater than safety.stale.beat_s = 1"),
         ("battery_percent: 25", "safety.battery_percent = 25 must be smaller than mission.battery_low_percent = 25"),
+        (
+            "battery_v: 10.5\nmission: {battery_low_v: 10.5}",
+            "safety.battery_v = 10.5 V must be smaller than mission.battery_low_v = 10.5 V",
+        ),
+        ("battery_v: 0", "safety.battery_v"),
         ("fence: {north_m: [5, -5]}", "safety.fence.north_m = [5, -5] must be [least, most]"),
         ("fence: {east_m: [5, 9]}", "safety.fence.east_m = [5, 9] must hold 0"),
         ("fence: {height_m: [0, 9]}", "safety.fence.height_m = [0, 9] must hold 0"),
@@ -180,6 +212,13 @@ def test_nonsense_is_refused_with_its_value_and_bound(refusal: Refusal, text: st
     line = refusal(f"safety:\n  {text}\n")
     assert line.startswith(("vehicle.yaml:2: ", "default: ")), line
     assert said in line
+
+
+def test_a_voltage_of_the_gate_may_stand_alone_or_below_the_missions() -> None:
+    """Each is judged where it is given."""
+    assert (Settings().mission.battery_low_v, Settings().safety.battery_v) == (None, None)
+    for mission, safety in (({}, {"battery_v": 10.0}), ({"battery_low_v": 10.5}, {"battery_v": 10.0})):
+        assert Settings.model_validate({"mission": mission, "safety": safety}).safety.battery_v == 10.0
 
 
 def test_none_watches_no_battery(tmp_path: Path) -> None:

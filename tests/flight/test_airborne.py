@@ -25,6 +25,10 @@ from tests.flight.test_reporting import STATUS
 from tests.flight.test_termination import conditions
 from tests.shared.clocks import HandClock
 
+SETTINGS = load_settings()
+STALL_S = 5.0
+"""Longer than an autopilot may be silent, shorter than inputs may be missing."""
+
 
 class Vehicle:
     """Does what it is told, and notes it; hangs in the manoeuvre that the test names."""
@@ -34,6 +38,7 @@ class Vehicle:
         self.hangs = ""
         self.patience_s = 60.0
         self.taken_over: str | None = None
+        self.by_failsafe = False
         self.mode, self.armed = "hold", True
         self.leaves_in = "land"
         self._gate = gate
@@ -97,12 +102,14 @@ class Stand:
         self.talk = GateClient(gate.link, self.clock, EventEmitter(), self.phases)
         self.vehicle = Vehicle(self.talk, self.clock)
         self.control_loop = ControlLoop(self.talk, self.phases, self.clock)
+        self.heartbeat_s: float | None = None
+        """When the autopilot was last heard; None: just now."""
         self.operator = OperatorCommands(by_command=False, flight=self.phases)
         self.status = STATUS
         self.events: list[tuple[Event, dict[str, object]]] = []
         emitter = EventEmitter(lambda event, details: self.events.append((event, dict(details))))
         session = SimpleNamespace(
-            settings=load_settings(),
+            settings=SETTINGS,
             clock=self.clock,
             link=SimpleNamespace(kind=AutopilotKind.PX4),
             telemetry=SimpleNamespace(state=self._state),
@@ -112,8 +119,10 @@ class Stand:
         parts: Any = (session, self.operator, self.vehicle, self.control_loop, self, emitter)
         self.flight = Airborne(*parts)
 
-    def _state(self, _: float) -> object:
-        return replace(conditions().vehicle, armed=self.vehicle.armed, mode=self.vehicle.mode)
+    def _state(self, now_s: float) -> object:
+        age_s = 0.5 if self.heartbeat_s is None else now_s - self.heartbeat_s
+        vehicle = self.vehicle
+        return replace(conditions().vehicle, armed=vehicle.armed, mode=vehicle.mode, heartbeat_age_s=age_s)
 
     async def _meanwhile(self, what: str) -> None:
         await self.clock.sleep(0.3)
@@ -127,6 +136,18 @@ class Stand:
             self.gate.notify(Notice(Stage.HOLD, Fault.DEPTH_STALE, "hold: depth_stale"))
             await self.clock.sleep(0.1)
             self.vehicle.taken_over = "hold"
+        elif what in ("a pilot", "a failsafe"):
+            self.vehicle.taken_over, self.vehicle.by_failsafe = "hold", what == "a failsafe"
+        elif what in ("stall", "stall and silence"):
+            self.heartbeat_s = self.clock.now_s()
+            self.clock.advance(STALL_S)
+            if what == "stall":
+                await self.clock.sleep(1.0)
+                self.heartbeat_s = None
+                await self.clock.sleep(0.5)
+                self.status = replace(STATUS, complete=True)
+        elif what == "silence":
+            self.heartbeat_s = self.clock.now_s()
         elif what == "tick fails":
             self.control_loop.fails = True
 
@@ -182,6 +203,33 @@ async def test_when_the_gate_holds_hands_are_off_and_it_is_named(stand: Stand) -
     assert stand.events[-1] == (Event.ENDED_EARLY, {"why": why, "end": end, "then": "hands off"})
     assert "land" not in stand.told
     assert stand.talk.phase is Phase.ENDED
+
+
+@pytest.mark.parametrize(("who", "why"), [("a pilot", Termination.PILOT), ("a failsafe", Termination.FAILSAFE)])
+async def test_whoever_takes_the_vehicle_is_named_and_keeps_it(stand: Stand, who: str, why: Termination) -> None:
+    """Protects who reads the end of the flight: a failsafe of the autopilot was told as a pilot who took over."""
+    assert await stand.fly(who) is why
+    assert "land" not in stand.told
+    assert stand.events[-1] == (Event.ENDED_EARLY, {"why": f"{why} hold", "end": str(why), "then": "hands off"})
+
+
+async def test_after_a_stall_of_ours_the_autopilot_is_not_taken_for_lost(stand: Stand) -> None:
+    """Protects from ending a flight for a silence that we slept through: PX4's failsafe was overruled by a landing."""
+    assert await stand.fly("stall") is Termination.COMPLETE
+
+
+async def test_an_autopilot_that_stays_silent_after_a_stall_is_lost(stand: Stand) -> None:
+    """Protects from waiting for ever: its time is counted from when we are awake again."""
+    began_s = stand.clock.now_s()
+    assert await stand.fly("stall and silence") is Termination.LINK
+    assert stand.clock.now_s() - began_s == pytest.approx(0.3 + STALL_S + SETTINGS.safety.stale.heartbeat_s, abs=0.5)
+
+
+async def test_an_autopilot_that_falls_silent_is_lost_in_its_time(stand: Stand) -> None:
+    """Protects from a stall that is seen where none was: looks as regular as these are no reason to wait longer."""
+    began_s = stand.clock.now_s()
+    assert await stand.fly("silence") is Termination.LINK
+    assert stand.clock.now_s() - began_s == pytest.approx(0.3 + SETTINGS.safety.stale.heartbeat_s, abs=0.5)
 
 
 async def test_a_take_off_that_the_gate_ends_is_named_as_that(stand: Stand) -> None:

@@ -271,16 +271,14 @@ def test_the_exploring_is_marked_in_the_recording() -> None:
     told = Told()
     told.emit(Event.TAKING_OFF)
     told.emit(Event.EXPLORING)
-    told.emit(
-        Event.ENDED_EARLY, why="pilot or failsafe took over loiter", end=Termination.PILOT.value, then="hands off"
-    )
+    told.emit(Event.ENDED_EARLY, why="pilot took over loiter", end=Termination.PILOT.value, then="hands off")
     assert [name for name, _, _ in told.notes.events] == ["phase", ENGAGED, ENDED]
-    assert told.lines[-1] == "exploring ended: pilot or failsafe took over loiter"
+    assert told.lines[-1] == "exploring ended: pilot took over loiter"
     texts = [fields["text"] for fields in told.on_the_link("STATUSTEXT")]
     assert texts == [
         "companion: taking off",
         "companion: exploring",
-        "companion: pilot or failsafe took over: hands off",
+        "companion: pilot took over: hands off",
     ]
 
 

@@ -12,6 +12,7 @@ from companion.autopilot.vehicle_state import VehicleState
 from companion.config.settings import Settings
 from companion.flight.phase import FlightPhase, PhaseEvent, PhaseMachine
 from companion.flight.termination import Conditions, Termination, termination
+from companion.mavlink.ids import MavChargeState
 
 SETTINGS = Settings()
 
@@ -32,12 +33,14 @@ def conditions(vehicle: dict[str, Any] | None = None, **changes: Any) -> Conditi
     well = Conditions(
         state,
         taken_over=False,
+        by_failsafe=False,
         gate_took_over=False,
         gate_lost=False,
         stop_asked=False,
         complete=False,
         flown_s=10.0,
         blind_s=0.0,
+        awake_s=600.0,
         battery_silent_s=0.0,
         map_silent_s=0.5,
     )
@@ -56,8 +59,16 @@ def test_a_flight_on_which_all_is_well_goes_on() -> None:
         (conditions(gate_lost=True), Termination.GATE_LOST),
         (conditions(taken_over=True, gate_took_over=True), Termination.GATE),
         (conditions(taken_over=True), Termination.PILOT),
+        (conditions(taken_over=True, by_failsafe=True), Termination.FAILSAFE),
         (conditions({"battery_percent": 24.0}), Termination.BATTERY),
         (conditions({"battery_percent": None}, battery_silent_s=30.5), Termination.BATTERY),
+        (conditions({"charge_state": MavChargeState.LOW}), Termination.BATTERY),
+        (conditions({"charge_state": MavChargeState.CRITICAL}), Termination.BATTERY),
+        (conditions({"charge_state": MavChargeState.EMERGENCY}), Termination.BATTERY),
+        (conditions({"charge_state": MavChargeState.FAILED}), Termination.BATTERY),
+        (conditions({"charge_state": MavChargeState.UNHEALTHY}), Termination.BATTERY),
+        (conditions({"low_voltage_s": 5.1}), Termination.BATTERY),
+        (conditions({"low_voltage_s": 0.5, "critical": True}), Termination.BATTERY),
         (conditions(blind_s=10.5), Termination.INPUTS),
         (conditions(map_silent_s=61.0), Termination.MAP),
         (conditions(stop_asked=True), Termination.STOPPED),
@@ -75,10 +86,43 @@ def test_a_battery_that_says_nothing_is_not_an_empty_one() -> None:
     assert termination(conditions({"battery_percent": None}, battery_silent_s=10.0), SETTINGS) is None
 
 
+@pytest.mark.parametrize(
+    "vehicle",
+    [
+        {"charge_state": MavChargeState.OK},
+        {"charge_state": MavChargeState.CHARGING},
+        {"low_voltage_s": 4.9},
+        {"critical": True},
+    ],
+)
+def test_a_sag_and_a_good_charge_end_no_flight(vehicle: dict[str, Any]) -> None:
+    """A take-off pulls the voltage down for a moment; PX4's heartbeat says critical in any failsafe."""
+    assert termination(conditions(vehicle), SETTINGS) is None
+
+
+def test_a_count_that_began_at_100_percent_does_not_hide_an_empty_battery() -> None:
+    """ArduPilot counts from 100 % at each boot: it said 100 % at 10.2 V, and that the battery is low."""
+    found = conditions({"battery_percent": 100.0, "charge_state": MavChargeState.LOW})
+    assert termination(found, SETTINGS) is Termination.BATTERY
+
+
 def test_what_takes_the_vehicle_away_comes_before_what_was_reached() -> None:
     """A pilot who takes over at the moment of completion must not see the vehicle land under his hands."""
     assert termination(conditions(taken_over=True, complete=True, stop_asked=True), SETTINGS) is Termination.PILOT
-    assert termination(conditions({"heartbeat_age_s": 9.0, "armed": False}), SETTINGS) is Termination.LINK
+    assert termination(conditions({"heartbeat_age_s": 9.0, "armed": False}), SETTINGS) is Termination.DISARMED
+
+
+def test_who_has_the_vehicle_keeps_it_whatever_else_is_wrong() -> None:
+    """After a stall of ours the link looks lost: the landing that follows was once ordered over a pilot's hold."""
+    lost = {"heartbeat_age_s": 9.0}
+    assert termination(conditions(lost, taken_over=True), SETTINGS) is Termination.PILOT
+    assert termination(conditions(lost, taken_over=True, by_failsafe=True), SETTINGS) is Termination.FAILSAFE
+
+
+def test_what_we_slept_through_is_no_silence_of_the_autopilot() -> None:
+    """A host that stood still for seconds has heard nothing: the autopilot gets its time from then on."""
+    assert termination(conditions({"heartbeat_age_s": 9.0}, awake_s=0.2), SETTINGS) is None
+    assert termination(conditions({"heartbeat_age_s": 9.0}, awake_s=3.1), SETTINGS) is Termination.LINK
 
 
 def test_what_the_gate_did_is_not_blamed_on_a_pilot() -> None:
@@ -101,6 +145,7 @@ def test_hands_are_off_when_the_vehicle_is_not_ours_or_cannot_be_reached() -> No
     assert {why for why in Termination if why.hands_off} == {
         Termination.GATE_LOST,
         Termination.GATE,
+        Termination.FAILSAFE,
         Termination.PILOT,
         Termination.DISARMED,
     }

@@ -21,7 +21,7 @@ PLAN = replace(
     BUILT,
     period_s=0.125,
     silence_s=0.5,
-    stopping=Stopping(delay_s=0.25, brake_mps2=0.25),
+    stopping=Stopping(delay_s=0.25, brake_mps2=0.25, creep_m=0.0),
     limits=replace(BUILT.limits, accel_mps2=100.0),
 )
 ORDER: dict[str, Any] = {"target_system": SYSTEM, "target_component": GATE, "command": 193, "param1": 0.0}

@@ -7,10 +7,11 @@ from typing import Any
 
 import pytest
 
-from companion.gate.allowlist import is_forced, mode_asked_for
+from companion.gate.allowlist import is_forced, mode_asked_for, only_reads
 from companion.gate.gate import Gate
 from companion.mavlink.codec import Frame
 from companion.mavlink.firmware import AutopilotKind
+from companion.mavlink.messages import BY_NAME
 from companion.mavlink.modes import personality, px4_mode
 from tests.gate.built import APPLICATION, GATE, GROUND, SETPOINT, SYSTEM, command, frame, in_the_air, read, texts_of
 from tests.gate.gate_scene import JUST_S, NOW_S, PLAN, Scene, flying
@@ -68,6 +69,7 @@ PASSES = [
     frame("STATUSTEXT", text="hello"),
     frame("PARAM_REQUEST_READ", target_system=1),
     command(511, 30.0, 20000.0),
+    command(401),
     frame("COMMAND_INT", target_system=1, target_component=1, command=512),
 ]
 
@@ -117,7 +119,7 @@ def test_a_message_that_is_not_known_does_not_pass_down() -> None:
 
     (found,) = Framer().frames(unknown)
     assert in_the_air().ask(found) is None
-    assert in_the_air().gate.on_attached_message(found, "command"), "a ground station's may be anything"
+    assert in_the_air().gate.on_attached_message(found, "command", 0.0), "a ground station's may be anything"
 
 
 def test_what_attached_ones_may_send() -> None:
@@ -127,7 +129,7 @@ def test_what_attached_ones_may_send() -> None:
     feed = frame("ODOMETRY", 197)
     mode = frame("COMMAND_LONG", GROUND[1], GROUND[0], target_system=1, target_component=1, command=176)
     found = {
-        may: [air.gate.on_attached_message(sent, may) for sent in (beat, steer, feed, mode)]
+        may: [air.gate.on_attached_message(sent, may, air.now_s) for sent in (beat, steer, feed, mode)]
         for may in ("read", "command", "odometry")
     }
     assert found == {
@@ -225,3 +227,23 @@ def test_an_arming_may_take_its_time() -> None:
     scene.gate.cycle(NOW_S + 0.01)
     scene.heartbeat(scene.ours.hold, NOW_S + 0.02)
     assert scene.gate.airborne
+
+
+def file_operation(opcode: int) -> Frame:
+    """One FILE_TRANSFER_PROTOCOL of the application, as it is on the wire."""
+    layout = BY_NAME["FILE_TRANSFER_PROTOCOL"]
+    payload = bytes((0, 1, 1, 7, 0, 0, opcode)) + b"/etc/extras/all_events.json.xz"
+    return Frame(b"raw", layout.message_id, 1, 191, payload, signed=False)
+
+
+@pytest.mark.parametrize("opcode", range(20))
+def test_files_of_the_autopilot_are_read_and_not_changed(opcode: int) -> None:
+    """Protects the autopilot's files: PX4's texts are read from one, and none is made, written or removed."""
+    reads = opcode in {1, 2, 3, 4, 5, 14, 15}
+    verdict = Gate(PLAN, 0.0).on_application_message(file_operation(opcode), 0.0)
+    assert (verdict.raw is not None) == reads
+
+
+def test_an_operation_that_is_left_out_is_none() -> None:
+    """Protects from a payload whose end was cut off."""
+    assert not only_reads(b"\0\1\1\7\0")

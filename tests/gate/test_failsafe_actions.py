@@ -2,69 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
-
 import pytest
 
-from companion.gate.escalation import Escalation
-from companion.gate.failsafe_actions import FailsafeActions
-from companion.gate.fault_monitor import FaultMonitor
 from companion.gate.faults import Stage
-from companion.gate.outgoing import Outgoing
-from companion.gate.setpoint_limits import VelocitySetpoint
-from companion.gate.vehicle import Vehicle
 from companion.mavlink.firmware import AutopilotKind
-from companion.mavlink.modes import Personality, personality
-from tests.gate.built import AUTOPILOT_NUMBER, KINDS, read
-from tests.gate.built import PLAN as BUILT
+from tests.gate.built import KINDS
+from tests.gate.failsafe_scene import Scene
 
-PLAN = replace(BUILT, period_s=0.0625, silence_s=0.5)
 AGAIN_S, PATIENCE_S = 0.5, 2.5
 BOTH = pytest.mark.parametrize("kind", KINDS)
-
-
-class Scene:
-    """An answer with all that it needs; the vehicle is armed in the mode of setpoints, and heard all the time."""
-
-    def __init__(self, kind: AutopilotKind = AutopilotKind.PX4, *, steered: bool = True, at_s: float = 64.0) -> None:
-        self.vehicle = Vehicle(0.5)
-        self.monitor = FaultMonitor(PLAN, self.vehicle)
-        self.escalation = Escalation(PLAN.reactions, PLAN.recover_s)
-        self.failsafe = FailsafeActions(PLAN, self.vehicle, self.monitor, self.escalation, Outgoing(1))
-        self.kind = kind
-        self.show(self.ours.offboard, at_s)
-        self.ask(self.ours.offboard)
-        self.show(self.ours.offboard, at_s)
-        if steered:
-            self.monitor.asked = VelocitySetpoint(at_s, 0.1, 0.0, 0.0, 0.0)
-
-    @property
-    def ours(self) -> Personality:
-        return personality(self.kind)
-
-    def stage(self) -> Stage:
-        return self.escalation.stage
-
-    def show(self, mode: int, now_s: float) -> None:
-        fields = {"autopilot": AUTOPILOT_NUMBER[self.kind], "base_mode": 128, "custom_mode": mode}
-        self.vehicle.on_message("HEARTBEAT", fields, now_s)
-
-    def ask(self, mode: int) -> None:
-        _, main, sub = self.ours.set_mode_parameters(mode)
-        self.vehicle.on_command_sent(176, {"param2": main, "param3": sub}, 191)
-
-    def due(self, now_s: float) -> list[Any]:
-        """``"stop"``, or the mode that was asked for."""
-        if now_s - self.vehicle.heard_s > 0.25:
-            self.vehicle.on_message(None, {}, now_s)
-        found: list[Any] = []
-        for raw in self.failsafe.due(now_s):
-            frame, fields = read(raw)
-            wanted = fields.get("param1"), fields.get("param2"), fields.get("param3")
-            modes = {self.ours.set_mode_parameters(mode): mode for mode in (self.ours.hold, self.ours.land)}
-            found.append("stop" if frame.message_id == 84 else modes[wanted])  # type: ignore[index]
-        return found
 
 
 def test_nothing_is_said_while_all_is_well() -> None:

@@ -25,7 +25,7 @@ def test_px4_that_held_by_itself_is_not_called_back() -> None:
     air.run(3.0)
     assert len(air.stops()) == silent
     assert not air.gate.airborne
-    assert any(notice.startswith("hands off, mode hold") for notice in air.notices)
+    assert any(notice.startswith("hands off: mode hold") for notice in air.notices)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -107,19 +107,23 @@ def ordered(scene: Scene) -> bool:
 
 @pytest.mark.parametrize("name", ["COMMAND_LONG", "COMMAND_INT"])
 @pytest.mark.parametrize("system", [0, SYSTEM])
-@pytest.mark.parametrize("component", [0, APPLICATION, GATE])
+@pytest.mark.parametrize("component", [0, AUTOPILOT, APPLICATION, GATE])
 def test_an_order_to_stop_reaches_us_however_it_is_addressed(name: str, system: int, component: int) -> None:
-    """Protects the person on the ground: over the autopilot's link, and over their own."""
+    """Protects the person on the ground: over the autopilot's link, and over their own, where it ends with us.
+
+    The pause button of a ground station addresses the autopilot: ArduCopter would freeze in guided without a word, and
+    fly on as soon as somebody presses "continue".
+    """
     order = frame(name, GROUND[1], GROUND[0], **(ORDER | {"target_system": system, "target_component": component}))
     scene = Scene()
     scene.gate.on_autopilot_message(order, NOW_S)
     assert ordered(scene)
     attached = Scene()
-    assert attached.gate.on_attached_message(order, "command") is (component == 0)
+    assert attached.gate.on_attached_message(order, "command", NOW_S) is False, "it ends here"
     assert ordered(attached)
     acks = [fields for fields in (read(raw)[1] for raw in attached.gate.cycle(NOW_S)) if "result" in fields]
     assert [(ack["command"], ack["result"], ack["target_system"], ack["target_component"]) for ack in acks] == (
-        [(193, 0, *GROUND)] if component == GATE else []
+        [(193, 0, *GROUND)] if component != APPLICATION else []
     )
     assert 77 not in attached.sent(NOW_S), "once"
 
@@ -128,7 +132,7 @@ def test_an_order_to_stop_reaches_us_however_it_is_addressed(name: str, system: 
     "changes",
     [
         {"target_system": 2},
-        {"target_component": AUTOPILOT},
+        {"target_component": 154},
         {"command": 194},
         {"command": 300},
         {"param1": 1.0},
@@ -140,7 +144,7 @@ def test_other_orders_are_not_ours(changes: dict[str, Any]) -> None:
     order = frame("COMMAND_LONG", GROUND[1], GROUND[0], **(ORDER | changes))
     scene = Scene()
     scene.gate.on_autopilot_message(order, NOW_S)
-    scene.gate.on_attached_message(order, "command")
+    scene.gate.on_attached_message(order, "command", NOW_S)
     scene.gate.on_autopilot_message(frame("HEARTBEAT", GROUND[1], GROUND[0]), NOW_S)
     assert not ordered(scene)
 
@@ -156,17 +160,17 @@ def test_a_person_may_sit_at_any_component(component: int) -> None:
 def test_who_may_command_may_send_what_nobody_here_knows() -> None:
     """Protects a ground station's work: files, logs, missions."""
     unknown = Frame(b"", 12000, *GROUND, b"", signed=False)
-    assert Scene().gate.on_attached_message(unknown, "command") is True
+    assert Scene().gate.on_attached_message(unknown, "command", NOW_S) is True
 
 
 @pytest.mark.parametrize("may", ["read", "odometry"])
 def test_who_may_not_command_does_not_stop_either(may: str) -> None:
     """Protects the promise of "read": nothing that comes from there does anything."""
     scene = Scene()
-    assert not scene.gate.on_attached_message(frame("COMMAND_LONG", GROUND[1], GROUND[0], **ORDER), may)
+    assert not scene.gate.on_attached_message(frame("COMMAND_LONG", GROUND[1], GROUND[0], **ORDER), may, NOW_S)
     assert not ordered(scene)
     assert scene.gate.counts == {"attached: not permitted": 1}
-    assert scene.gate.on_attached_message(frame("HEARTBEAT", 197), may) is (may == "odometry")
+    assert scene.gate.on_attached_message(frame("HEARTBEAT", 197), may, NOW_S) is (may == "odometry")
 
 
 def test_the_autopilot_and_the_application_order_nothing_as_a_person() -> None:

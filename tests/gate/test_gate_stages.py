@@ -175,7 +175,7 @@ def test_hands_are_off_once_in_each_flight() -> None:
         assert not scene.gate.airborne
         scene.gate.cycle(NOW_S)
         scene.gate.cycle(NOW_S)
-        assert texts_of(scene.gate) == ["hands off, mode position"]
+        assert texts_of(scene.gate) == ["hands off: mode position"]
         scene.heartbeat(3 << 16, armed=False)
         scene.gate.cycle(NOW_S)
         scene.heartbeat(3 << 16)

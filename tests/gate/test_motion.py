@@ -22,13 +22,13 @@ def test_nothing_is_known_before_it_is_told() -> None:
     """Protects against defaults: no place, no heading, no speed, never fresh."""
     motion = Motion(0.5)
     assert motion.place_m is None
-    assert motion.forward_mps() is None
+    assert motion.forward_right_mps() is None
     assert motion.after(1.0, 0.0, 0.0) is None
     assert motion.frozen_for_s() == 0.0
     assert motion.fresh_s == -math.inf
     motion.position(moved(1.0), 10.0, armed=True)
     motion.attitude({"yaw": math.nan})
-    assert motion.forward_mps() is None
+    assert motion.forward_right_mps() is None
     assert motion.place_m == (0.0, 0.0, 0.0)
 
 
@@ -37,15 +37,15 @@ def test_forward_is_along_the_heading() -> None:
     motion = Motion(0.5)
     motion.attitude({"yaw": math.pi / 2.0})
     motion.position(moved(1.0, vx=0.3, vy=0.4), 10.0, armed=True)
-    assert motion.forward_mps() == pytest.approx(0.4)
+    assert motion.forward_right_mps() == pytest.approx((0.4, -0.3))
     assert motion.after(2.0, 0.5, -1.0) == pytest.approx((-0.5, 2.0, -1.0))
     motion.attitude({"yaw": 0.0})
     assert motion.after(2.0, 0.5, -1.0) == (2.0, 0.5, -1.0)
-    assert motion.forward_mps() == 0.3
+    assert motion.forward_right_mps() == (0.3, 0.4)
     lost = Motion(0.5)
     lost.attitude({"yaw": 0.0})
     assert lost.after(2.0, 0.5, -1.0) is None, "a heading alone is no place"
-    assert lost.forward_mps() is None
+    assert lost.forward_right_mps() is None
     lost.position(moved(0.0), 10.0, armed=True)
     assert lost.place_m == (0.0, 0.0, 0.0), "also with the first stamp of all"
 
@@ -138,7 +138,7 @@ def test_a_thousand_kilometres_are_too_far() -> None:
     assert motion.after(0.0, 0.0, 0.0) is None
     motion.position(moved(1.0, x=-999_999.0), 10.0, armed=True)
     assert motion.after(0.0, 0.0, 0.0) is None, "without a heading nobody knows where ahead is"
-    assert motion.forward_mps() is None
+    assert motion.forward_right_mps() is None
     motion.attitude({"yaw": 0.0})
     assert motion.after(0.0, 0.0, 0.0) == (-999_999.0, 0.0, 0.0)
     motion.attitude({"yaw": math.nan})
@@ -160,7 +160,7 @@ def test_frozen_is_every_number_to_the_last_bit() -> None:
 
 def test_a_vehicle_begins_anew_before_anything_was_heard() -> None:
     """Protects the very start, before the first heartbeat."""
-    vehicle = Vehicle(PLAN.thresholds.pose_jump_m)
+    vehicle = Vehicle(PLAN.thresholds)
     vehicle.reset()
     assert (vehicle.armed, vehicle.airborne, vehicle.taken_over, vehicle._mode_monitor.mode) == (
         False,

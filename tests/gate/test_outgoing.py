@@ -82,7 +82,7 @@ def test_the_log_and_the_application_are_told_all_of_it() -> None:
 
 def test_a_stop_is_a_setpoint_of_nothing() -> None:
     """Protects the one message that everything rests on: for our autopilot, velocity alone, all of it zero."""
-    number, fields = said(Outgoing(SYSTEM).stop(4_294_969.5))
+    number, fields = said(Outgoing(SYSTEM).velocity(0.0, 0.0, 0.0, 4_294_969.5))
     assert number == 84
     assert fields.pop("time_boot_ms") == 2204, "wraps round after 49 days"
     assert fields.pop("target_system") == SYSTEM
@@ -114,3 +114,40 @@ def test_who_ordered_is_answered(result: int) -> None:
     assert number == 77
     assert (fields["command"], fields["result"]) == (193, result)
     assert (fields["target_system"], fields["target_component"]) == (255, 190)
+
+
+def texts(outgoing: Outgoing, now_s: float) -> list[str]:
+    return [fields["text"] for number, fields in map(said, outgoing.due(Stage.PASS, False, now_s)) if number == 253]
+
+
+def test_what_is_urgent_waits_for_nothing() -> None:
+    """Protects the pilot's first look: what is being done now comes at once, before what was found."""
+    outgoing = Outgoing(SYSTEM)
+    for i in range(8):
+        outgoing.say(f"fault {i}")
+    assert texts(outgoing, 0.0) == ["gate: fault 0"]
+    outgoing.say("brake: fault", urgent=True)
+    outgoing.say("hold: fault", urgent=True)
+    assert texts(outgoing, 0.0625) == ["gate: brake: fault", "gate: hold: fault"], "in their order"
+    assert texts(outgoing, 0.5) == []
+    assert texts(outgoing, 0.5625) == ["gate: fault 1"], "then the others go on, half a second after it"
+    assert [text for _, text in outgoing.drain_notices()] == [
+        *(f"fault {i}" for i in range(8)),
+        "brake: fault",
+        "hold: fault",
+    ]
+
+
+def test_of_what_is_urgent_the_newest_four_wait() -> None:
+    """Protects the link from a stage that flutters."""
+    outgoing = Outgoing(SYSTEM)
+    for i in range(6):
+        outgoing.say(f"{i}", urgent=True)
+    assert texts(outgoing, 0.0) == [f"gate: {i}" for i in (2, 3, 4, 5)]
+
+
+def test_a_velocity_of_the_gates_own_does_not_turn() -> None:
+    """Protects what keeps a place: forward, right and down as asked, and the heading as it is."""
+    number, fields = said(Outgoing(SYSTEM).velocity(0.25, -0.5, 0.125, 1.0))
+    assert number == 84
+    assert (fields["vx"], fields["vy"], fields["vz"], fields["yaw_rate"]) == (0.25, -0.5, 0.125, 0.0)

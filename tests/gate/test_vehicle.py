@@ -7,10 +7,11 @@ from typing import Any
 
 import pytest
 
-from companion.gate.vehicle import Vehicle
+from companion.gate.vehicle import NOWHERE_S, Vehicle
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.mode_monitor import DISARMED
 from companion.mavlink.modes import personality, px4_mode
+from tests.gate.built import PLAN
 
 PX4 = personality(AutopilotKind.PX4)
 POSITION = px4_mode(3)
@@ -19,7 +20,7 @@ NUMBER = {AutopilotKind.PX4: 12, AutopilotKind.ARDUPILOT: 3}
 
 
 def heartbeat(vehicle: Vehicle, mode: int, now_s: float, *, armed: bool = True, autopilot: int = 12) -> None:
-    fields = {"autopilot": autopilot, "base_mode": 128 | 1 if armed else 127, "custom_mode": mode}
+    fields = {"autopilot": autopilot, "base_mode": 128 | 1 if armed else 127, "custom_mode": mode, "system_status": 4}
     vehicle.on_message("HEARTBEAT", fields, now_s)
 
 
@@ -40,13 +41,17 @@ def is_airborne(vehicle: Vehicle) -> bool:
     return vehicle.airborne
 
 
+def is_steered(vehicle: Vehicle) -> bool:
+    return vehicle.steered
+
+
 def estimates(vehicle: Vehicle) -> bool | None:
     return vehicle.estimator_good
 
 
 def ours(at: int = PX4.offboard) -> Vehicle:
     """Armed by the application, in a mode that it asked for."""
-    vehicle = Vehicle(0.5)
+    vehicle = Vehicle(PLAN.thresholds)
     heartbeat(vehicle, PX4.hold, 1.0, armed=False)
     vehicle.on_command_sent(400, {"param1": 1.0}, APPLICATION)
     heartbeat(vehicle, PX4.hold, 2.0)
@@ -59,8 +64,8 @@ def ours(at: int = PX4.offboard) -> Vehicle:
 
 def test_nothing_is_believed_before_it_is_said() -> None:
     """Protects the start from assumptions."""
-    vehicle = Vehicle(0.5)
-    assert (vehicle.kind, vehicle.battery_percent, vehicle.estimator_good) == (None, None, None)
+    vehicle = Vehicle(PLAN.thresholds)
+    assert (vehicle.kind, vehicle.battery.percent, vehicle.estimator_good) == (None, None, None)
     assert (vehicle.heard_s, vehicle.heartbeat_s) == (-math.inf, -math.inf)
     assert (vehicle.armed, vehicle.airborne, vehicle.taken_over, vehicle._mode_monitor.mode) == (
         False,
@@ -75,7 +80,7 @@ def test_nothing_is_believed_before_it_is_said() -> None:
 
 def test_anything_is_a_sign_of_life_but_only_a_heartbeat_is_a_heartbeat() -> None:
     """Protects the two times apart: a link that lives, and an autopilot that does."""
-    vehicle = Vehicle(0.5)
+    vehicle = Vehicle(PLAN.thresholds)
     vehicle.on_message(None, {}, 5.0)
     assert (vehicle.heard_s, vehicle.heartbeat_s) == (5.0, -math.inf)
     heartbeat(vehicle, POSITION, 6.0, armed=False)
@@ -91,7 +96,7 @@ def test_anything_is_a_sign_of_life_but_only_a_heartbeat_is_a_heartbeat() -> Non
 @pytest.mark.parametrize(("first", "later"), [(12, 3), (3, 12), (12, 8), (3, 0)])
 def test_the_first_firmware_that_we_know_is_the_firmware(first: int, later: int) -> None:
     """Protects against other components' heartbeats with the vehicle's number."""
-    vehicle = Vehicle(0.5)
+    vehicle = Vehicle(PLAN.thresholds)
     vehicle.on_command_sent(21, {}, APPLICATION)
     heartbeat(vehicle, 1, 1.0, autopilot=8)
     assert (vehicle.kind, vehicle.heartbeat_s) == (None, -math.inf)
@@ -106,7 +111,7 @@ def test_the_first_firmware_that_we_know_is_the_firmware(first: int, later: int)
 
 def test_a_strange_mode_is_named_as_its_firmware_names_it() -> None:
     """Protects what the pilot reads when hands go off."""
-    vehicle = Vehicle(0.5)
+    vehicle = Vehicle(PLAN.thresholds)
     heartbeat(vehicle, 4, 1.0, autopilot=3)
     mode(vehicle, 4)
     heartbeat(vehicle, 5, 2.0, autopilot=3)
@@ -116,7 +121,7 @@ def test_a_strange_mode_is_named_as_its_firmware_names_it() -> None:
 @pytest.mark.parametrize(("result", "armed"), [(0, True), (5, True), (1, False), (4, False)])
 def test_an_accepted_arming_counts_until_a_heartbeat_could_know_of_it(result: int, armed: bool) -> None:
     """Protects the first second in the air, of which the last heartbeat knows nothing yet."""
-    vehicle = Vehicle(0.5)
+    vehicle = Vehicle(PLAN.thresholds)
     heartbeat(vehicle, PX4.hold, 9.0, armed=False)
     acknowledge(vehicle, 400, 0, 9.5)
     assert not is_armed(vehicle), "nobody of ours asked for it"
@@ -133,14 +138,14 @@ def test_an_accepted_arming_counts_until_a_heartbeat_could_know_of_it(result: in
 
 def test_a_heartbeat_knows_of_the_arming_from_its_own_moment_on() -> None:
     """Protects the end of that first second; and a refusal means no arming at any time, also of a clock at zero."""
-    vehicle = Vehicle(0.5)
+    vehicle = Vehicle(PLAN.thresholds)
     vehicle.on_command_sent(400, {"param1": 1.0}, APPLICATION)
     acknowledge(vehicle, 400, 0, 0.0)
     heartbeat(vehicle, PX4.hold, 1.1875, armed=False)
     assert is_armed(vehicle)
     heartbeat(vehicle, PX4.hold, 1.2, armed=False)
     assert not is_armed(vehicle)
-    refused = Vehicle(0.5)
+    refused = Vehicle(PLAN.thresholds)
     heartbeat(refused, PX4.hold, 0.5, armed=False)
     refused.on_command_sent(400, {"param1": 1.0}, APPLICATION)
     acknowledge(refused, 400, 4, 0.625)
@@ -149,7 +154,7 @@ def test_a_heartbeat_knows_of_the_arming_from_its_own_moment_on() -> None:
 
 def test_an_arming_that_is_refused_later_is_refused() -> None:
     """Protects the ground: "in progress" first, and then no."""
-    vehicle = Vehicle(0.5)
+    vehicle = Vehicle(PLAN.thresholds)
     heartbeat(vehicle, PX4.hold, 9.0, armed=False)
     vehicle.on_command_sent(400, {"param1": 1.0}, APPLICATION)
     acknowledge(vehicle, 400, 5, 10.0)
@@ -168,7 +173,7 @@ def test_an_acknowledgement_in_the_air_arms_nothing_anew() -> None:
 @pytest.mark.parametrize("param1", [0.0, 2.0, math.nan])
 def test_only_to_arm_is_to_arm(param1: float) -> None:
     """Protects against taking a disarming for the beginning of a flight; after an arming it does not undo it."""
-    vehicle = Vehicle(0.5)
+    vehicle = Vehicle(PLAN.thresholds)
     heartbeat(vehicle, PX4.hold, 1.0)
     vehicle.on_command_sent(400, {"param1": param1}, APPLICATION)
     assert not is_airborne(vehicle)
@@ -182,7 +187,7 @@ def test_only_to_arm_is_to_arm(param1: float) -> None:
 
 def test_what_was_accepted_for_the_last_flight_arms_nothing_in_the_next() -> None:
     """Protects the ground between two flights."""
-    vehicle = Vehicle(0.5)
+    vehicle = Vehicle(PLAN.thresholds)
     heartbeat(vehicle, PX4.hold, 9.0, armed=False)
     vehicle.on_command_sent(400, {"param1": 1.0}, APPLICATION)
     acknowledge(vehicle, 400, 0, 10.0)
@@ -306,7 +311,7 @@ def test_a_new_application_knows_what_shows_and_has_asked_for_nothing() -> None:
 
 def test_a_new_application_judges_by_the_same_firmware() -> None:
     """Protects the names of modes after a restart, and a takeover from being carried over."""
-    vehicle = Vehicle(0.5)
+    vehicle = Vehicle(PLAN.thresholds)
     heartbeat(vehicle, 4, 1.0, autopilot=3)
     mode(vehicle, 4)
     heartbeat(vehicle, 5, 2.0, autopilot=3)
@@ -320,10 +325,10 @@ def test_a_new_application_judges_by_the_same_firmware() -> None:
 @pytest.mark.parametrize(("said", "percent"), [(-1, None), (0, 0), (1, 1), (100, 100), (101, None)])
 def test_a_battery_says_a_percentage_or_nothing(said: int, percent: int | None) -> None:
     """Protects against an unknown charge being taken for an empty one; and it forgets what it knew."""
-    vehicle = Vehicle(0.5)
-    vehicle.on_message("SYS_STATUS", {"battery_remaining": 50}, 1.0)
-    vehicle.on_message("SYS_STATUS", {"battery_remaining": said}, 2.0)
-    assert vehicle.battery_percent == percent
+    vehicle = Vehicle(PLAN.thresholds)
+    vehicle.on_message("SYS_STATUS", {"battery_remaining": 50, "voltage_battery": 65535}, 1.0)
+    vehicle.on_message("SYS_STATUS", {"battery_remaining": said, "voltage_battery": 65535}, 2.0)
+    assert vehicle.battery.percent == percent
 
 
 @pytest.mark.parametrize(
@@ -332,8 +337,9 @@ def test_a_battery_says_a_percentage_or_nothing(said: int, percent: int | None) 
 )
 def test_each_firmware_speaks_of_its_estimator_in_its_own_message(autopilot: int, name: str, other: str) -> None:
     """Protects from flags that mean something else."""
-    good: dict[str, Any] = {"flags": 0x1F}
-    vehicle = Vehicle(0.5)
+    figures = dict.fromkeys(("vel_ratio", "pos_horiz_ratio", "velocity_variance", "pos_horiz_variance"), 0.1)
+    good: dict[str, Any] = figures | {"flags": 0x1F}
+    vehicle = Vehicle(PLAN.thresholds)
     vehicle.on_message(name, good, 1.0)
     assert estimates(vehicle) is None, "nobody knows yet what they mean"
     heartbeat(vehicle, 4, 1.5, autopilot=autopilot)
@@ -341,10 +347,10 @@ def test_each_firmware_speaks_of_its_estimator_in_its_own_message(autopilot: int
     assert estimates(vehicle) is None
     vehicle.on_message(name, good, 3.0)
     assert estimates(vehicle) is True
-    vehicle.on_message(name, {"flags": 0x1E}, 4.0)
+    vehicle.on_message(name, good | {"flags": 0x1E}, 4.0)
     assert estimates(vehicle) is False
     # ArduPilot: not initialized. PX4: a GPS glitch.
-    vehicle.on_message(name, {"flags": 0x1F | 1024}, 5.0)
+    vehicle.on_message(name, good | {"flags": 0x1F | 1024}, 5.0)
     assert estimates(vehicle) is (autopilot == 12)
 
 
@@ -360,3 +366,58 @@ def test_positions_are_believed_by_whether_it_is_armed() -> None:
     heartbeat(vehicle, PX4.offboard, 6.0, armed=False)
     vehicle.on_message("LOCAL_POSITION_NED", still | {"time_boot_ms": 1e3}, 7.0)
     assert vehicle.motion.fresh_s == 7.0
+
+
+ORIGIN: dict[str, Any] = {"latitude": 1, "longitude": 1, "altitude": 1}
+
+
+def test_where_an_origin_is_no_place_px4_lands_elsewhere() -> None:
+    """Protects from PX4's landing with LOCAL_FRD and an origin: it takes 0/0 for where it is, and flies there."""
+    vehicle = ours()
+    assert not vehicle.lands_elsewhere(99.0), "without an origin it lands in place"
+    vehicle.on_message("GPS_GLOBAL_ORIGIN", ORIGIN, 4.0)
+    vehicle.on_message("GPS_GLOBAL_ORIGIN", ORIGIN, 6.0)
+    assert not vehicle.lands_elsewhere(4.0 + NOWHERE_S), "the position may follow yet"
+    assert vehicle.lands_elsewhere(4.0 + NOWHERE_S + 0.0625)
+    vehicle.on_message("GLOBAL_POSITION_INT", {}, 8.0)
+    assert not vehicle.lands_elsewhere(99.0)
+
+
+def test_ardupilot_lands_where_it_is() -> None:
+    """Protects ArduCopter's own landing, which needs no place on the globe."""
+    vehicle = Vehicle(PLAN.thresholds)
+    heartbeat(vehicle, 4, 1.0, autopilot=3)
+    vehicle.on_message("GPS_GLOBAL_ORIGIN", ORIGIN, 1.0)
+    assert not vehicle.lands_elsewhere(99.0)
+
+
+@pytest.mark.parametrize(("status", "by_failsafe"), [(3, False), (4, False), (5, True), (6, True)])
+def test_a_failsafe_of_the_autopilot_is_told_from_a_person(status: int, by_failsafe: bool) -> None:
+    """Protects what the pilot reads: PX4 and ArduCopter are CRITICAL in a failsafe, EMERGENCY in a worse one."""
+    vehicle = ours()
+    fields = {"autopilot": 12, "base_mode": 128, "custom_mode": PX4.hold, "system_status": status}
+    vehicle.on_message("HEARTBEAT", fields, 4.0)
+    assert (vehicle.taken_over, vehicle.by_failsafe) == ("hold", by_failsafe)
+
+
+def test_it_is_steered_once_the_mode_of_setpoints_shows() -> None:
+    """Protects from comparing what is flown with setpoints that nobody takes."""
+    vehicle = ours()
+    assert is_steered(vehicle)
+    mode(vehicle, PX4.hold)
+    assert not is_steered(vehicle)
+    heartbeat(vehicle, PX4.hold, 4.0)
+    assert not is_steered(vehicle)
+    mode(vehicle, PX4.offboard)
+    assert not is_steered(vehicle)
+    heartbeat(vehicle, PX4.offboard, 5.0)
+    assert is_steered(vehicle)
+
+
+def test_a_new_flight_misses_nothing_of_the_last() -> None:
+    """Protects it from the odometry, the fix and the estimator that the one before had."""
+    vehicle = ours()
+    vehicle.on_message("GPS_RAW_INT", {"fix_type": 3}, 4.0)
+    assert vehicle.aiding.gps_s == 4.0
+    vehicle.end_flight()
+    assert vehicle.aiding.gps_s == -math.inf

@@ -48,6 +48,7 @@ class UdpRelay(OwnThread):
         to_gate: the UDP port on which the gate listens, or an application without one.
         lost_share: of the packets, each way.
         seed: draws which.
+        port: to which the autopilot sends; by default a free one.
 
     Attributes:
         port: where the autopilot sends to.
@@ -62,7 +63,7 @@ class UdpRelay(OwnThread):
         errors: what `alter_down` raised, newest last; such a message is passed on as it was.
     """
 
-    def __init__(self, to_gate: int, lost_share: float = 0.0, seed: int = 1) -> None:
+    def __init__(self, to_gate: int, lost_share: float = 0.0, seed: int = 1, port: int = 0) -> None:
         self.alter_down: Alter | None = None
         self.dead = self.dead_up = False
         self.stranger_received = 0
@@ -74,7 +75,7 @@ class UdpRelay(OwnThread):
         self._gate = (LOOPBACK, to_gate)
         self._autopilot: Any = None
         self._dead_until_s = -math.inf
-        self._near, self._far, self._stranger = _socket(), _socket(), _socket()
+        self._near, self._far, self._stranger = _socket(port), _socket(), _socket()
         self.port: int = self._near.getsockname()[1]
         self._speech: _Speech | None = None
         super().__init__("relay", self._near, self._far, self._stranger)
@@ -202,8 +203,8 @@ def _is_heartbeat(data: bytes) -> bool:
     return data[:1] == b"\xfd" and data[7:10] == b"\0\0\0"
 
 
-def _socket() -> socket.socket:
+def _socket(port: int = 0) -> socket.socket:
     found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    found.bind((LOOPBACK, 0))
+    found.bind((LOOPBACK, port))
     found.setblocking(False)
     return found

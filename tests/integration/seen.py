@@ -121,7 +121,9 @@ class Seen:
             self._texts.append(TextSeen(now_s, message.severity, message.text, sender))
 
     def down(self, heartbeat: Message, now_s: float) -> None:
-        """One heartbeat of the autopilot that is passed on to the gate."""
+        """One heartbeat that is passed on to the gate; those of others, which an autopilot forwards, say no mode."""
+        if heartbeat.get_srcComponent() != m.MAV_COMP_ID_AUTOPILOT1:
+            return
         armed = bool(heartbeat.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
         self._heartbeats.append(HeartbeatSeen(now_s, heartbeat.custom_mode, armed))
 

@@ -9,11 +9,12 @@ import pytest
 
 from companion.autopilot.interface import LinkError
 from companion.autopilot.vehicle import FlightError
-from companion.flight.preflight.parameter_rules import check_rule, rules
+from companion.flight.preflight.parameter_check import check_rule
+from companion.flight.preflight.parameter_rules import rules
 from tests.integration.rig import Aboard, Stage, aboard, both, fly_all
 
 NEVER_S = 300.0
-REASON = {"px4": "Arming denied: Resolve system health failures first", "ardupilot": "Arm: Gyros inconsistent"}
+REASON = {"px4": "Arming denied: Resolve system health failures first", "ardupilot": "Arm: System not initialised"}
 INTEGER = {"px4": "COM_OBL_RC_ACT", "ardupilot": "AVOID_ENABLE"}
 FLOAT = {"px4": "COM_OF_LOSS_T", "ardupilot": "GUID_TIMEOUT"}
 FAILSAFES = {"px4": {"COM_OF_LOSS_T", "COM_OBL_RC_ACT"}, "ardupilot": {"GUID_TIMEOUT", "AVOID_ENABLE"}}

@@ -101,7 +101,7 @@ def flown(folder: Path, personality: str, gps: bool = True, time_limit_s: float 
         world_options=("--config", str(folder / "vehicle.yaml")),
     )
     log = folder / "application.log"
-    with Crew(plan) as crew, Witness(crew.to_ground) as witness, process(log, crew.application("--fix")) as gate:
+    with Crew(plan) as crew, Witness(crew.ports.ground) as witness, process(log, crew.application("--fix")) as gate:
         try:
             yield Flown(crew, gate, witness, log)
         finally:

@@ -115,6 +115,8 @@ class Witness(OwnThread):
             for message in Decoder().messages(data):
                 if (message.get_srcSystem(), message.get_srcComponent()) == (self._system_id, 1):
                     self._hear(message, time.monotonic())
+                else:
+                    self._overhear(message)
 
     def _hear(self, message: Message, now_s: float) -> None:
         name = message.get_type()
@@ -131,6 +133,9 @@ class Witness(OwnThread):
             velocity = (message.vx, message.vy, message.vz)
             ned = NedPose(now_s, message.x, message.y, message.z, 0.0, 0.0, 0.0, *velocity, 0.0)
             self.poses.append(pose_from_ned(ned))
+
+    def _overhear(self, message: Message) -> None:
+        """What others have said, and the autopilot has passed on."""
 
     def _ask_for_positions(self) -> None:
         self.send(

@@ -30,7 +30,9 @@ NUMBERS = {
     "Q": st.integers(0, 2**64 - 1),
     "f": st.floats(width=32, allow_nan=False),
 }
-EVERY = pytest.mark.parametrize("number", sorted(LAYOUTS))
+NEWER = {412}
+"""REQUEST_EVENT is in MAVLink's common set, but not in the pymavlink that is installed; MAVSDK sends it."""
+EVERY = pytest.mark.parametrize("number", sorted(set(LAYOUTS) - NEWER))
 
 
 def framed(message_id: int, payload: bytes, crc_extra: int, *, system_id: int = 1, mavlink: int = 2) -> bytes:
@@ -365,3 +367,9 @@ def test_the_longest_frame_is_the_longest() -> None:
     longest = m.MAVLink_file_transfer_protocol_message(0, 1, 1, [255] * 251).pack(mavlink)
     assert len(longest) + 255 - longest[1] == LONGEST_FRAME
     assert [frame.raw for frame in Framer().frames(longest)] == [longest]
+
+
+def test_only_what_pymavlink_does_not_know_goes_uncompared() -> None:
+    """Protects every other layout from being left out of the comparison."""
+    assert set(LAYOUTS) - set(m.mavlink_map) == NEWER
+    assert (LAYOUTS[412].crc_extra, LAYOUTS[412].packing.size) == (33, 6)

@@ -168,3 +168,23 @@ def test_a_late_heartbeat_is_judged_but_is_not_the_newest() -> None:
     watch.on_heartbeat(HOLD, True, 4.0)
     assert watch.taken_over == "hold"
     assert (watch.mode, watch.heartbeat_s) == (OFFBOARD, 5.0)
+
+
+@pytest.mark.parametrize(("critical", "mode", "by_failsafe"), [(True, HOLD, True), (False, POSITION, False)])
+def test_a_failsafe_says_that_it_is_one(critical: bool, mode: int, by_failsafe: bool) -> None:
+    """Protects the pilot's reading: "somebody took it" means another thing than "the autopilot did"."""
+    watch = engaged()
+    watch.on_heartbeat(OFFBOARD, True, 2.5, critical=True)
+    assert (watch.taken_over, watch.by_failsafe) == (None, False), "in our mode it is nobody's"
+    watch.on_heartbeat(mode, True, 3.0, critical=critical)
+    assert watch.taken_over is not None
+    assert watch.by_failsafe is by_failsafe
+    watch.on_heartbeat(mode, True, 4.0, critical=not critical)
+    assert watch.by_failsafe is by_failsafe, "it was decided by the heartbeat that showed it"
+
+
+def test_who_disarms_is_no_failsafe() -> None:
+    """Protects the same for a vehicle that was switched off by hand."""
+    watch = engaged()
+    watch.on_heartbeat(OFFBOARD, False, 3.0, critical=True)
+    assert (watch.taken_over, watch.by_failsafe) == (DISARMED, False)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from companion.mavlink.estimator import ESTIMATOR, estimator_valid
+from companion.mavlink.estimator import ESTIMATOR, estimator_valid, not_known
 from companion.mavlink.firmware import AutopilotKind
+from companion.mavlink.ids import MavChargeState
 from companion.mavlink.modes import mode_name, personality, px4_mode, result_name
 from companion.mavlink.position_jump import LONGEST_GAP_S, position_jump_m
 from companion.text_table import printable
@@ -67,6 +68,12 @@ def test_px4_packs_main_and_sub_mode() -> None:
     assert px4_mode(4, 3) == 0x03040000
 
 
+def test_a_charge_is_low_or_worse_but_not_charging() -> None:
+    """Protects from flying on a battery that failed, whose number is above "low"."""
+    low = {MavChargeState(number) for number in (2, 3, 4, 5, 6)}
+    assert {state for state in MavChargeState if state.is_low} == low
+
+
 def test_results_have_names() -> None:
     assert result_name(4) == "failed"
     assert result_name(99) == "result 99"
@@ -97,14 +104,45 @@ def test_each_firmware_says_it_in_its_own_message() -> None:
         (KNOWN - 2, False),
         (KNOWN - 4, False),
         (KNOWN | 32 | 64 | 256 | 512, True),
-        (KNOWN | 128, False),
         (831, True),
+        (319, True),
+        (383, True),
         (165, False),
+        (229, False),
     ],
 )
 def test_attitude_velocities_and_some_position_are_needed(kind: AutopilotKind, flags: int, valid: bool) -> None:
     """Protects from flying on an estimate that is none, and from refusing one that is."""
     assert estimator_valid(kind, flags) is valid
+
+
+@pytest.mark.parametrize("flags", [1023, 511, 895, 383, 831, 319])
+def test_px4_is_valid_at_rest_and_in_the_air(flags: int) -> None:
+    """As PX4 sends them: 128 says that it is at rest there. Forbidding it refused every flight and landed the first."""
+    assert estimator_valid(PX4, flags)
+
+
+@pytest.mark.parametrize("flags", [KNOWN | 128, 511, 0x33F | 128])
+def test_ardupilot_in_its_constant_position_mode_knows_none(flags: int) -> None:
+    """There the same bit says that it flies by no position at all."""
+    assert not_known(ARDUPILOT, flags) == ("position",)
+
+
+@pytest.mark.parametrize(
+    ("kind", "flags", "lacking"),
+    [
+        (PX4, 229, ("horizontal velocity", "position")),
+        (PX4, 0, ("attitude", "horizontal velocity", "vertical velocity", "position")),
+        (PX4, 1023 | 2048, ("acceleration",)),
+        (ARDUPILOT, 0xA7, ("position",)),
+        (ARDUPILOT, 0x25, ("horizontal velocity", "position")),
+        (ARDUPILOT, 1024, ("attitude", "horizontal velocity", "vertical velocity", "position")),
+        (ARDUPILOT, 0x33F, ()),
+    ],
+)
+def test_what_is_not_known_is_named_once(kind: AutopilotKind, flags: int, lacking: tuple[str, ...]) -> None:
+    """Protects whoever reads why it does not fly."""
+    assert not_known(kind, flags) == lacking
 
 
 @pytest.mark.parametrize(("kind", "forbidden", "harmless"), [(PX4, 2048, 1024), (ARDUPILOT, 1024, 2048)])

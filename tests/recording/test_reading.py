@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,8 @@ from companion.model import Mode
 from companion.recording import Recorder, open_recording
 from companion.recording.content import ENDED, ENGAGED
 from companion.recording.flight_stats import Figures, figures, render, show_figures
-from companion.recording.replay import replay
+from companion.recording.replay import _then, replay
+from companion.station_keeping import StationKeeper
 from tests.recording.flights import SETTINGS, fly_in_room, make_info, make_tick
 from tests.shared.clocks import HandClock
 
@@ -176,6 +178,21 @@ def test_replay_is_exact(flight: Path) -> None:
     assert len(modes) >= 2, "a flight without a change of mode would compare little"
 
 
+def test_a_part_to_the_left_is_recorded_and_compared(flight: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protects the replay of a vehicle that is led back to where it stands: that may be to the left alone."""
+    ticks = [tick for tick, _ in open_recording(flight).observations() if tick["stepped"]]
+    aside = sum(tick["lateral_mps"] != 0.0 for tick in ticks)
+    assert 0 < aside < len(ticks)
+    forward = StationKeeper.velocity
+
+    def without_left(keeper: StationKeeper, *told: Any) -> tuple[float, float, float]:
+        ahead_mps, _, up_mps = forward(keeper, *told)
+        return ahead_mps, 0.0, up_mps
+
+    monkeypatch.setattr(StationKeeper, "velocity", without_left)
+    assert replay(flight).differing == aside
+
+
 def test_replay_tells_what_another_setting_changes(flight: Path) -> None:
     """The comparison can fail: it sees the first setpoint that another law would have sent."""
     faster = SETTINGS.model_copy(update={"control": ControlSettings.model_validate({"speed_mps": 0.55})})
@@ -203,6 +220,18 @@ def test_replay_without_depth_stops_where_the_first_image_is_missing(tmp_path: P
     found = replay(file)
     assert found.stopped is not None
     assert "depth image" in found.stopped
+
+
+@pytest.mark.parametrize("name", ["speed_mps", "climb_mps", "yaw_rate_radps"])
+def test_a_tick_that_lacks_what_was_always_recorded_is_damaged(name: str) -> None:
+    """Protects from comparing with a zero that nobody sent; to the left alone, older ticks ask for nothing."""
+    tick = {"stepped": True, "speed_mps": 0.4, "climb_mps": 0.0, "yaw_rate_radps": 0.1, "mode": "R3"}
+    tick["wanted_height_m"] = 1.5
+    then = _then(tick)
+    assert then is not None
+    assert then.setpoint == (0.4, 0.0, 0.1, 0.0)
+    with pytest.raises(KeyError, match=name):
+        _then({key: value for key, value in tick.items() if key != name})
 
 
 def test_replay_of_settings_that_are_refused_now(flight: Path, tmp_path: Path) -> None:

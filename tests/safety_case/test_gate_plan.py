@@ -61,6 +61,25 @@ class TestPlan:
         assert (reactions[Fault.DEPTH_STALE].hold_after_s, reactions[Fault.DEPTH_STALE].land_after_s) == (5.0, 30.0)
         assert plan_of().reactions[Fault.MAP].first is Stage.PASS
 
+    def test_what_the_new_faults_are_judged_by(self) -> None:
+        """A setting that does not arrive is one that nobody has."""
+        plan = plan_of(
+            {
+                "autopilot": {"gps": False},
+                "safety": {
+                    "stale": {"aiding_s": 0.3, "gps_s": 0.4, "odometry_s": 0.2},
+                    "not_obeyed_mps": 0.25,
+                    "battery_v": 13.2,
+                    "creep_m": 0.1,
+                },
+            }
+        )
+        limit = plan.thresholds
+        assert (limit.aiding_s, limit.gps_s, limit.odometry_s) == (0.3, 0.4, 0.2)
+        assert (limit.not_obeyed_mps, limit.battery_v, plan.stopping.creep_m, plan.gps) == (0.25, 13.2, 0.1, False)
+        assert plan_of({"autopilot": {"gps": True}}).gps
+        assert plan_of().thresholds.battery_v is None
+
     def test_partners_and_signing(self) -> None:
         plan = plan_of(
             {"safety": {"attached": ({"url": "udpin://:1", "may": "odometry"},), "signing": {"key_file": "/k"}}}
@@ -87,10 +106,10 @@ class TestRefusal:
         assert "control.speed_law: paper" in str(caught.value)
 
     def test_faster_is_refused_with_fault_values_and_what_to_change(self) -> None:
-        said = refused({"control": {"speed_mps": 0.59}})
-        assert "gate killed: " in said
-        assert "autopilot.silence_s = 0.5" in said
-        for key in ("control.speed_mps = 0.59", "safety.limits.speed_mps", "control.critical_margin_m = 0.7"):
+        said = refused({"control": {"speed_mps": 1.0, "allow_turning_radius_above_margin": True}})
+        assert "depth_stale: " in said
+        assert "safety.stale.depth_s = 0.6" in said
+        for key in ("control.speed_mps = 1", "safety.limits.speed_mps", "control.critical_margin_m = 0.7"):
             assert key in said
 
     def test_a_larger_body_is_refused(self) -> None:

@@ -176,6 +176,9 @@ def test_positions_and_velocities_are_the_same_vectors(pose: Pose) -> None:
         pytest.param(Setpoint(0.0, 0.0, -0.4, 0.0), (0.0, 0.0, 0.4, 0.0), id="sinking is positive down"),
         pytest.param(Setpoint(0.0, 0.0, 0.0, 0.6), (0.0, 0.0, 0.0, -0.6), id="a left turn is negative"),
         pytest.param(Setpoint(0.0, 0.0, 0.0, -0.6), (0.0, 0.0, 0.0, 0.6), id="a right turn is positive"),
+        pytest.param(Setpoint(0.0, -0.1, 0.0, 0.0), (-0.1, 0.0, 0.0, 0.0), id="backward is negative"),
+        pytest.param(Setpoint(0.0, 0.0, 0.0, 0.0, 0.1), (0.0, -0.1, 0.0, 0.0), id="to the left is negative"),
+        pytest.param(Setpoint(0.0, 0.0, 0.0, 0.0, -0.1), (0.0, 0.1, 0.0, 0.0), id="to the right is positive"),
     ],
 )
 def test_a_setpoint_is_sent_as_mavlink_means_it(setpoint: Setpoint, sent: tuple[float, ...]) -> None:

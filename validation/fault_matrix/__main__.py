@@ -13,9 +13,6 @@ code is 0 when every flight ended as it must, 1 when one did not, 2 for wrong in
 from __future__ import annotations
 
 import argparse
-import dataclasses
-import json
-import math
 import multiprocessing
 import os
 import sys
@@ -23,11 +20,11 @@ import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
-from typing import Any
 
 from companion.errors import CompanionError
+from validation.fault_matrix import results
 from validation.fault_matrix.faults import BY_NAME, CELLS, FAULTS
-from validation.fault_matrix.injection import PERSONALITIES, Final
+from validation.fault_matrix.injection import PERSONALITIES
 from validation.fault_matrix.outcome import AIM_S, Outcome
 from validation.fault_matrix.report import ReportError, markdown, write_into_docs
 from validation.fault_matrix.run import end_with_parent, fly_in_pool
@@ -49,15 +46,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for name, personality in CELLS
         if (not given.only or name in given.only) and given.personality in (None, personality)
     ]
-    outcomes = _read(given.json) if given.resume else {}
+    outcomes = results.read(given.json) if given.resume else {}
     left = [cell for cell in cells if cell not in outcomes]
     errors: list[str] = []
     for number, (cell, found) in enumerate(_flown(left, given.jobs, given.keep), 1):
         progress = f"[{number}/{len(left)}] {cell[0]}, {cell[1]}: "
         if isinstance(found, Outcome):
             outcomes[cell] = found
-            _say(progress + _line(found))
-            _write(given.json, outcomes)
+            _say(progress + line(found))
+            results.write(given.json, outcomes.values())
         else:
             errors.append(f"{cell[0]}, {cell[1]}")
             _say(f"{progress}NOT FLOWN: {found}")
@@ -87,28 +84,8 @@ def _flown(
                 yield flights[flight], error
 
 
-def _write(file: Path | None, outcomes: dict[tuple[str, str], Outcome]) -> None:
-    """Whole or not at all, whenever it is broken off."""
-    if file is not None:
-        text = json.dumps([_plain(one) for one in outcomes.values()], indent=2) + "\n"
-        part = file.with_name(file.name + ".part")
-        part.write_text(text, encoding="utf-8")
-        part.replace(file)
-
-
-def _read(file: Path) -> dict[tuple[str, str], Outcome]:
-    found: dict[tuple[str, str], Outcome] = {}
-    for one in json.loads(file.read_text(encoding="utf-8")) if file.exists() else []:
-        del one["ok"]
-        unknown = {
-            name: math.nan for name, value in one.items() if value is None and name not in ("brake_s", "problem")
-        }
-        outcome = Outcome(**(one | unknown | {"final": Final(one["final"]), "gate": tuple(one["gate"])}))
-        found[outcome.name, outcome.personality] = outcome
-    return found
-
-
-def _line(outcome: Outcome) -> str:
+def line(outcome: Outcome) -> str:
+    """An outcome for who looks on."""
     brake = "no brake" if outcome.brake_s is None else f"brake after {outcome.brake_s:.3f} s"
     if outcome.brake_s is not None and outcome.brake_s > AIM_S and BY_NAME[outcome.name].needs_stop:
         brake += f" (aim {AIM_S:g})"
@@ -120,14 +97,6 @@ def _line(outcome: Outcome) -> str:
         f"{outcome.wall_m:.2f} m, went on {outcome.travelled_m:.2f} m, least {outcome.least_m:.2f} m, "
         f"{outcome.final}{again}; gate: {' | '.join(outcome.gate) or 'silent'}"
     )
-
-
-def _plain(outcome: Outcome) -> dict[str, Any]:
-    """JSON has no NaN."""
-    values = dataclasses.asdict(outcome)
-    return {key: None if isinstance(value, float) and math.isnan(value) else value for key, value in values.items()} | {
-        "ok": outcome.ok
-    }
 
 
 def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:

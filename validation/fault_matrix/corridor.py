@@ -9,6 +9,7 @@ from pathlib import Path
 LENGTH_M, WIDTH_M, HEIGHT_M = 14.0, 4.0, 3.0
 TO_WALL_M = 4.0
 """From the start to the wall ahead: 2.5 m at full speed before the fault, and little time lost on the way."""
+START_X_M = LENGTH_M / 2.0 - TO_WALL_M
 _CORNERS_OF_TRIANGLES = (
     (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4),
     (1, 5, 7), (1, 7, 3),
@@ -17,8 +18,7 @@ _CORNERS_OF_TRIANGLES = (
 
 def corridor(folder: Path) -> Path:
     """A dead end along x."""
-    half_m = LENGTH_M / 2.0
-    start = {"x": half_m - TO_WALL_M, "y": 0.0, "z": 1.5, "yaw": 0.0}
+    start = {"x": START_X_M, "y": 0.0, "z": 1.5, "yaw": 0.0}
     return write_box(folder / "corridor.ply", (LENGTH_M, WIDTH_M, HEIGHT_M), start)
 
 

@@ -22,6 +22,7 @@ from companion.control.governor import braking_speed_mps
 from companion.control.navigator import Status
 from companion.control.parameters import Parameters
 from companion.control.ramp import Ramp
+from companion.control.standing import Standing
 from companion.flight import __main__ as application
 from companion.flight.request import FlightRequest
 from companion.flight.warm_up import warm_up
@@ -51,6 +52,7 @@ class Straight:
         self._heading_rad: float | None = None
         self._mode = Mode.HOLD
         self._ramp = Ramp(parameters.max_accel_mps2, parameters.period_s)
+        self._standing = Standing(self.parameters)
 
     @property
     def status(self) -> Status:
@@ -68,6 +70,7 @@ class Straight:
             climb_mps = laws.climb_mps(self.height_m, h_m, measurement.roof_m, 0.0, parameters)
         if (measurement.missing or measurement.scan is None or not finite) and not FAULTS.careless:
             self._mode = Mode.HOLD
+            self._standing.release()
             return self._ramp.limit(Setpoint(t_s, 0.0, climb_mps, 0.0))
         self._mode = Mode.BOUNDARY
         if self._heading_rad is None:
@@ -84,7 +87,10 @@ class Straight:
             speed_mps = min(speed_mps, max(governor.least_speed_mps, braking_mps))
         turn_rad = wrap_rad(self._heading_rad - pose.yaw_rad)
         yaw_rate_radps = max(-MOST_YAW_RATE_RADPS, min(MOST_YAW_RATE_RADPS, YAW_GAIN_PER_S * turn_rad))
-        return self._ramp.limit(Setpoint(t_s, speed_mps, climb_mps, yaw_rate_radps))
+        wanted = Setpoint(t_s, speed_mps, climb_mps, yaw_rate_radps)
+        if measurement.scan is not None and not FAULTS.careless:
+            wanted = self._standing.of(wanted, measurement.scan, pose)
+        return self._ramp.limit(wanted)
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:  # the scene knows what an injection asks of it
 PERSONALITIES = ("px4", "ardupilot")
 TRIGGER_M = 1.45
 """At this distance from the wall the fault comes: the vehicle still flies at full speed, and would brake by itself at
-1.06 m with PX4 and at 1.19 m with ArduPilot, which brakes less."""
+1.29 m from 0.5 m/s."""
 
 
 class Final(enum.StrEnum):
@@ -45,6 +45,8 @@ class Injection:
         what: what is done, in a line, for the table.
         inject: does it; called at the worst moment, in the harness's own process.
         expects: the final states that are right.
+        before: what is done before the take-off.
+        exploring: what is done when the flight towards the wall begins.
         undo: takes it away again after the flight was judged, where processes could not end otherwise.
         limit_s: the configured time that must pass before the fault can be told from nothing; the time to brake is
             counted from its end.
@@ -53,6 +55,7 @@ class Injection:
         trigger_m: how far from the wall it comes.
         watch_s: how long after the fault the flight is judged.
         settings: what is set besides, as nested mappings like those in a settings file.
+        guarded: the odometry of a flight without GPS passes through the gate.
         verify: what else must be true at the end; gives what is not, in words, or None.
         personalities: with which it is flown.
     """
@@ -62,6 +65,8 @@ class Injection:
     what: str
     inject: Callable[[Flight], None]
     expects: frozenset[Final]
+    before: Callable[[Flight], None] | None = None
+    exploring: Callable[[Flight], None] | None = None
     undo: Callable[[Flight], None] | None = None
     limit_s: float = 0.0
     needs_stop: bool = True
@@ -69,5 +74,6 @@ class Injection:
     trigger_m: float = TRIGGER_M
     watch_s: float = 6.0
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    guarded: bool = False
     verify: Callable[[Flight], str | None] | None = None
     personalities: tuple[str, ...] = PERSONALITIES

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavCmd, MavComponent
@@ -17,6 +14,7 @@ from tests.integration.seen import CommandSeen, SetpointSeen, TextSeen
 from tests.integration.witness import Witness
 from validation.fault_matrix.injection import Final, Injection
 from validation.fault_matrix.scene import Flight
+from validation.fault_matrix.true_way import STANDING_FOR_S, STANDING_MPS, Truth, contacts, standing_s
 
 AIM_S = 0.15
 """From fault to brake, beyond the configured limit."""
@@ -25,8 +23,6 @@ MOST_S = 0.5
 ZERO_MPS = 0.02
 SETTLED_S = 0.3
 """A zero after which the vehicle is commanded to move again within this time was no stop."""
-STANDING_MPS, STANDING_FOR_S = 0.12, 0.5
-"""A simulated vehicle that holds its place drifts, and creeps at 0.05 m/s where there is room left."""
 NEWEST_S = 1.0
 _KINDS = {"px4": AutopilotKind.PX4, "ardupilot": AutopilotKind.ARDUPILOT}
 
@@ -51,6 +47,9 @@ class Outcome:
         problem: what was not as it must be, in words; None: nothing.
         attempts: flights that it took to come as far as the fault, on a computer that did not stand still.
         stood_still_s: the longest time for which the gate, the autopilot or the wires waited for a processor.
+        standing_s: from the fault until it stood, in truth; None: it did not.
+        mode: of the autopilot in the end.
+        texts: what the autopilot told its pilot after the fault.
     """
 
     name: str
@@ -67,6 +66,9 @@ class Outcome:
     problem: str | None
     attempts: int = 1
     stood_still_s: float = 0.0
+    standing_s: float | None = None
+    mode: str = ""
+    texts: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -74,17 +76,9 @@ class Outcome:
         return self.problem is None
 
 
-@dataclass(frozen=True, slots=True)
-class Truth:
-    """One look at the vehicle where it truly was."""
-
-    t_s: float
-    x_m: float
-    speed_mps: float
-    d_m: float | None
-
-
-def judged(flight: Flight, injection: Injection, fault_s: float, end_s: float, verified: str | None) -> Outcome:
+def judged(
+    flight: Flight, injection: Injection, fault_s: float, end_s: float, verified: str | None, told: int = 0
+) -> Outcome:
     """The outcome of a flight whose processes have ended.
 
     Args:
@@ -93,11 +87,11 @@ def judged(flight: Flight, injection: Injection, fault_s: float, end_s: float, v
         fault_s: when it came, in s of `time.monotonic`.
         end_s: until when the flight is judged.
         verified: what the fault's own check found wrong.
+        told: texts of the autopilot before the fault.
     """
-    looks = [look for look in read_truth(flight.folder / "truth.csv") if look.t_s <= end_s]
-    before = [look for look in looks if look.t_s <= fault_s]
-    after = [look for look in looks if look.t_s > fault_s]
-    contacts = int(json.loads((flight.folder / "truth.json").read_text(encoding="utf-8"))["contacts"])
+    before, after = flight.truth.looks(until_s=fault_s), flight.truth.looks(fault_s, end_s)
+    # Not the world's count: it goes on while the flight is being ended, and ends where the fault is the world's end.
+    touched = contacts([*before, *after], flight.settings.vehicle.body_radius_m)
     seen = flight.relay.seen
     setpoints = [one for one in seen.setpoints(fault_s) if one.t_s <= end_s]
     commands = [one for one in seen.commands(fault_s) if one.t_s <= end_s]
@@ -113,18 +107,26 @@ def judged(flight: Flight, injection: Injection, fault_s: float, end_s: float, v
         brake_s=brake_s,
         travelled_m=max((look.x_m for look in after), default=math.nan) - before[-1].x_m,
         least_m=min((look.d_m for look in after if look.d_m is not None), default=math.nan),
-        contacts=contacts,
+        contacts=touched,
         final=final,
         gate=tuple(text.text for text in seen.texts(fault_s) if _is_of_gate(text, end_s)),
-        problem=_problem(injection, brake_s, contacts, final, verified),
+        problem=_problem(injection, brake_s, touched, final, verified),
+        standing_s=standing_s(after, fault_s),
+        mode=_mode(flight.witness, end_s),
+        texts=tuple(flight.witness.texts[told:]),
     )
 
 
+def _mode(witness: Witness, end_s: float) -> str:
+    beats = [beat for beat in tuple(witness.beats) if beat.t_s <= end_s]
+    return f"{beats[-1].mode}{'' if beats[-1].armed else ', disarmed'}" if beats else "not heard"
+
+
 def _problem(
-    injection: Injection, brake_s: float | None, contacts: int, final: Final, verified: str | None
+    injection: Injection, brake_s: float | None, touched: int, final: Final, verified: str | None
 ) -> str | None:
-    if contacts:
-        return f"{contacts} contacts"
+    if touched:
+        return f"{touched} contacts"
     if final not in injection.expects:
         return f"{final}, not {' or '.join(sorted(injection.expects))}"
     if injection.needs_stop and brake_s is not None and brake_s > MOST_S:
@@ -132,20 +134,6 @@ def _problem(
     if injection.needs_stop and brake_s is None and final not in (Final.FAILSAFE, Final.PILOT):
         return "nothing on the wire stopped it"
     return verified
-
-
-def read_truth(file: Path) -> list[Truth]:
-    """The true trajectory, as the world wrote it."""
-    with file.open(newline="", encoding="ascii") as rows:
-        return [
-            Truth(
-                float(row["t_s"]),
-                float(row["x_m"]),
-                math.hypot(float(row["vx_mps"]), float(row["vy_mps"])),
-                float(row["d_m"]) if row["d_m"] else None,
-            )
-            for row in csv.DictReader(rows)
-        ]
 
 
 def brake_begins_s(setpoints: Sequence[SetpointSeen], others_s: Sequence[float]) -> float | None:

@@ -13,10 +13,12 @@ import time
 from pathlib import Path
 
 from companion.config.settings import Settings
+from sitl.launch.program import CrewError
 from validation.fault_matrix.faults import BY_NAME
 from validation.fault_matrix.injection import Injection
 from validation.fault_matrix.outcome import Outcome, judged
 from validation.fault_matrix.scene import Flight, SceneError, approach, flying
+from validation.fault_matrix.stand import Stand, StubStand
 
 ATTEMPTS = 3
 """A flight that shows nothing, on a computer that is busy with others, is flown once more."""
@@ -44,23 +46,29 @@ def fly_in_pool(name: str, personality: str, parent: Path | None) -> Outcome:
 
 
 def fly(name: str, personality: str, parent: Path | None = None) -> Outcome:
-    """One fault with one personality.
+    """One fault of the matrix on the stub with one personality; otherwise as `fly_on`."""
+    return fly_on(StubStand(personality), BY_NAME[name], parent)
+
+
+def fly_on(stand: Stand, injection: Injection, parent: Path | None = None, attempts: int = ATTEMPTS) -> Outcome:
+    """One fault on one autopilot.
 
     Args:
-        name: of the fault.
-        personality: px4 or ardupilot.
+        stand: the autopilot.
+        injection: the fault.
         parent: where the flight's folder goes, and stays; None: it is deleted.
+        attempts: flights until one shows something.
 
     Raises:
-        SceneError: it never came as far as the fault, or the computer stood still each time.
+        CompanionError: it never came as far as the fault, or the computer stood still each time.
     """
-    injection = BY_NAME[name]
-    for attempt in range(1, ATTEMPTS + 1):
-        folder = Path(tempfile.mkdtemp(prefix=f"{name.replace(' ', '-')}-{personality}-", dir=parent))
+    for attempt in range(1, attempts + 1):
+        prefix = f"{injection.name.replace(' ', '-')}-{stand.personality}-"
+        folder = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
         try:
-            return dataclasses.replace(_fly(injection, personality, folder), attempts=attempt)
-        except SceneError:
-            if attempt == ATTEMPTS:
+            return dataclasses.replace(_fly(injection, stand, folder), attempts=attempt)
+        except (SceneError, CrewError):
+            if attempt == attempts:
                 raise
         finally:
             if parent is None:
@@ -68,12 +76,12 @@ def fly(name: str, personality: str, parent: Path | None = None) -> Outcome:
     raise AssertionError("there is always a last attempt")
 
 
-def _fly(injection: Injection, personality: str, folder: Path) -> Outcome:
-    with flying(folder, personality, injection.settings) as flight:
+def _fly(injection: Injection, stand: Stand, folder: Path) -> Outcome:
+    with flying(folder, stand, injection) as flight:
         approach(flight, injection.trigger_m)
         if injection.careless:
             flight.tell_flyer("careless")
-        fault_s = time.monotonic()
+        told, fault_s = len(flight.witness.texts), time.monotonic()
         injection.inject(flight)
         time.sleep(max(0.0, fault_s + injection.watch_s - time.monotonic()))
         end_s = time.monotonic()
@@ -81,7 +89,7 @@ def _fly(injection: Injection, personality: str, folder: Path) -> Outcome:
         if injection.undo is not None:
             injection.undo(flight)
     stood_s = stood_still(flight, fault_s, end_s)
-    return dataclasses.replace(judged(flight, injection, fault_s, end_s, verified), stood_still_s=stood_s)
+    return dataclasses.replace(judged(flight, injection, fault_s, end_s, verified, told), stood_still_s=stood_s)
 
 
 def patience_s(settings: Settings) -> float:

@@ -3,28 +3,43 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import signal
 import socket
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from companion.config.load import merge
 from companion.config.settings import Settings
 from companion.errors import CompanionError
 from companion.flight.request import FlightRequest, application, module, sealed
 from companion.gate.plan import Plan
 from companion.safety_case.gate_plan import to_plan
-from sitl.launch.processes import Sections, command, environment, free_tcp_port, free_udp_ports, write_settings
+from sitl.launch.processes import (
+    WORLD_SERVES,
+    Sections,
+    command,
+    environment,
+    free_tcp_port,
+    free_udp_ports,
+    odometry_options,
+    with_odometry,
+    write_settings,
+)
+from sitl.launch.program import Ports, Program, Running
 from tests.integration.relay import UdpRelay
-from tests.integration.rig import BOOT_S, SILENCE
 from tests.integration.witness import Witness, speed_mps
-from validation.fault_matrix.corridor import TO_WALL_M, corridor
+from validation.fault_matrix.corridor import LENGTH_M, corridor
+from validation.fault_matrix.injection import Injection
 from validation.fault_matrix.processes import children, map_process
+from validation.fault_matrix.stand import Stand
 from validation.fault_matrix.standstill import Standstill
 from validation.fault_matrix.stream_relay import StreamRelay
+from validation.fault_matrix.true_way import TrueWay
 
 LOOPBACK = "127.0.0.1"
 ROOT = Path(__file__).parents[2]
@@ -61,8 +76,12 @@ class Flight:
         relay: between autopilot and gate.
         stream: between world and application.
         witness: a ground station that only looks on.
+        truth: where the vehicle is.
         standstill: tells when the computer did not run what has to run.
-        control_port: of the autopilot: takeover, battery PERCENT, gps on|off.
+        world: its process.
+        autopilot: its process.
+        control_port: of the stub: takeover, battery PERCENT, gps on|off.
+        world_port: of the world: what goes wrong with its odometry.
         flyer_port: of the application: the words of `flyer_faults`.
     """
 
@@ -76,8 +95,12 @@ class Flight:
     relay: UdpRelay
     stream: StreamRelay
     witness: Witness
+    truth: TrueWay
     standstill: Standstill
+    world: Running
+    autopilot: Running
     control_port: int
+    world_port: int
     flyer_port: int
 
     @property
@@ -96,8 +119,9 @@ class Flight:
         return found
 
     def wall_m(self) -> float:
-        """From the middle of the vehicle to the wall ahead, by what the autopilot tells."""
-        return TO_WALL_M - self.witness.pose().x_m
+        """From the middle of the vehicle to the wall ahead, in truth; far away as long as that is not known."""
+        newest = self.truth.newest()
+        return math.inf if newest is None else LENGTH_M / 2.0 - newest.x_m
 
     def said(self) -> str:
         """What gate and application have said."""
@@ -110,6 +134,10 @@ class Flight:
     def tell_autopilot(self, words: str) -> None:
         """A hand on the transmitter, the battery, the antenna."""
         _tell(self.control_port, words)
+
+    def tell_world(self, words: str) -> None:
+        """A hand on the tracking camera."""
+        _tell(self.world_port, words)
 
     def wait(self, what: str, ready: Callable[[], bool], timeout_s: float) -> None:
         """Until it has come about.
@@ -127,36 +155,45 @@ class Flight:
 
 
 @contextlib.contextmanager
-def flying(folder: Path, personality: str, settings: Sections | None = None) -> Iterator[Flight]:
+def flying(folder: Path, stand: Stand, injection: Injection) -> Iterator[Flight]:
     """Take off and explore; all processes end with the block."""
-    ports = free_udp_ports(4)
-    gate_port, world_port, control_port, flyer_port = ports
-    world_tcp = free_tcp_port()
+    gate_port, control_port, world_port, flyer_port, odometry_port = free_udp_ports(5)
+    world_tcp, wanted = free_tcp_port(), stand.wanted()
     with contextlib.ExitStack() as stack:
-        relay = stack.enter_context(UdpRelay(gate_port))
+        relay = stack.enter_context(UdpRelay(gate_port, port=wanted.application))
         stream = stack.enter_context(StreamRelay(world_tcp))
-        witness = stack.enter_context(Witness())
+        witness = stack.enter_context(stand.witness(wanted.ground))
+        truth_port = free_udp_ports(1)[0]
+        to_world = stack.enter_context(UdpRelay(truth_port, port=wanted.world))
+        truth = TrueWay()
+        to_world.alter_down = lambda message: truth.hear(message, time.monotonic())
         config = folder / "vehicle.yaml"
-        loaded = write_config(config, personality, gate_port, stream.url, settings or {})
-        mesh = corridor(folder)
+        own = merge({"autopilot": {"gps": stand.gps}}, injection.settings)
+        guarded_port = odometry_port if injection.guarded else None
+        own = own if guarded_port is None else with_odometry(own, guarded_port)
+        settings = write_config(config, gate_port, stream.url, own)
+        ports = Ports(relay.port, witness.port, to_world.port)
         # Side by side: each of them takes seconds to load. What is started last ends first.
-        world = _serve(stack, folder, "world", _world(folder, mesh, config, world_port, world_tcp))
-        autopilot = _serve(
-            stack, folder, "autopilot", _autopilot(personality, control_port, (relay.port, witness.port, world_port))
-        )
-        plan, gate = _gate(stack, folder, loaded, flyer_port)
+        world = _serve(stack, folder, _world(folder, stand, config, guarded_port, truth_port, world_tcp, world_port))
+        autopilot = _serve(stack, folder, stand.program(folder, settings, ports, control_port))
+        plan, gate = _gate(stack, folder, settings, flyer_port)
         standstill = stack.enter_context(Standstill({"the gate": gate.pid, "the autopilot": autopilot.process.pid}))
         flight = Flight(
-            *(folder, personality, config, loaded, plan, gate, gate_port),
-            *(relay, stream, witness, standstill),
-            *(control_port, flyer_port),
+            *(folder, stand.personality, config, settings, plan, gate, gate_port),
+            *(relay, stream, witness, truth, standstill, world, autopilot),
+            *(control_port, world_port, flyer_port),
         )
         stack.enter_context(_precedence())
-        autopilot.wait("standing at")
-        world.wait("waiting for its truth")
+        for one in (autopilot, world):
+            one.wait(START_S)
         flight.wait("ready", lambda: "flyer: loaded" in flight.said(), START_S)
+        flight.wait("a heartbeat of the autopilot", lambda: bool(flight.witness.beats), START_S)
+        if injection.before is not None:
+            injection.before(flight)
         flight.tell_flyer("go")
         flight.wait("exploring", lambda: "\nexploring" in flight.said(), START_S)
+        if injection.exploring is not None:
+            injection.exploring(flight)
         yield flight
 
 
@@ -190,7 +227,7 @@ def _tell(port: int, words: str) -> None:
         hand.sendto(words.encode(), (LOOPBACK, port))
 
 
-def write_config(config: Path, personality: str, gate_port: int, stream_url: str, settings: Sections) -> Settings:
+def write_config(config: Path, gate_port: int, stream_url: str, settings: Sections) -> Settings:
     """Write the settings file of a flight, with ``settings`` over what every flight has; what is in force with it."""
     every = {
         "autopilot": {"url": f"udpin://{LOOPBACK}:{gate_port}"},
@@ -199,68 +236,26 @@ def write_config(config: Path, personality: str, gate_port: int, stream_url: str
         "mission": {"start": "now", "time_limit_s": 300.0, "skip_checks": ["clock"]},
         "record": {"folder": str(config.parent), "largest_mb": 200.0},
     }
-    return write_settings(config, "flight", personality, every, settings)
+    return write_settings(config, "flight", every, settings)
 
 
-def _world(folder: Path, mesh: Path, config: Path, truth_port: int, stream_port: int) -> list[str]:
-    return [
-        *command("sitl", "world"),
-        *("--world", str(mesh), "--config", str(config)),
+def _world(folder: Path, stand: Stand, config: Path, odometry_port: int | None, *ports: int) -> Program:
+    truth_port, stream_port, control_port = ports
+    options = (
+        *("--world", str(corridor(folder)), "--config", str(config), "--control", str(control_port)),
         *("--truth", f"udp://{LOOPBACK}:{truth_port}", "--stream", f"tcp://{LOOPBACK}:{stream_port}"),
         *("--score", str(folder / "truth.json"), "--trajectory", str(folder / "truth.csv")),
-    ]
+        *(() if stand.gps else odometry_options(stand.personality, odometry_port)),
+        *stand.world_options,
+    )
+    return Program("world", (*command("sitl", "world"), *options), WORLD_SERVES)
 
 
-def _autopilot(personality: str, control_port: int, to: Sequence[int]) -> list[str]:
-    return [
-        *command("sitl", "autopilot"),
-        *("--personality", personality, "--boot-s", f"{BOOT_S:g}", "--control", str(control_port)),
-        *(part for port in to for part in ("--to", f"{LOOPBACK}:{port}")),
-        *(part for parameter in SILENCE[personality] for part in ("--param", parameter)),
-    ]
-
-
-@dataclass(frozen=True, slots=True)
-class _Server:
-    """A process that ends with the flight."""
-
-    name: str
-    process: subprocess.Popen[bytes]
-    log: Path
-
-    def wait(self, words: str) -> None:
-        """Until it says that it serves."""
-        give_up_s = time.monotonic() + START_S
-        while words not in (said := self.log.read_text(encoding="utf-8", errors="replace")):
-            code = self.process.poll()
-            if code is not None or time.monotonic() > give_up_s:
-                raise SceneError(f"{self.name} does not serve (exit code {code}): {said[-1500:]}")
-            time.sleep(0.05)
-
-
-def _serve(stack: contextlib.ExitStack, folder: Path, name: str, arguments: Sequence[str]) -> _Server:
-    log = folder / f"{name}.log"
-    with log.open("wb") as written:
-        process = subprocess.Popen(
-            ["nice", "-n", str(HARDWARE_NICENESS), *arguments],
-            stdin=subprocess.DEVNULL,
-            stdout=written,
-            stderr=subprocess.STDOUT,
-            env=environment(),
-            start_new_session=True,
-        )
-    stack.callback(_end, process)
-    return _Server(name, process, log)
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """In good order, so that it writes what it knows."""
-    process.send_signal(signal.SIGTERM)
-    try:
-        process.wait(15.0)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
+def _serve(stack: contextlib.ExitStack, folder: Path, program: Program) -> Running:
+    """Started, and ended with the flight."""
+    running = Running(program, folder, HARDWARE_NICENESS)
+    stack.callback(running.end)
+    return running
 
 
 def _gate(

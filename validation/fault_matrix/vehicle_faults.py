@@ -43,11 +43,12 @@ def _change_mode(flight: Flight) -> None:
     flight.relay.send_up(pack(order, GROUND_STATION))
 
 
-def _hands_off(flight: Flight) -> str | None:
+def hands_off(flight: Flight) -> str | None:
     """Nothing of ours flies it once a heartbeat has told that somebody else does."""
     kind = AutopilotKind.PX4 if flight.personality == "px4" else AutopilotKind.ARDUPILOT
     offboard = personality(kind).offboard
-    beats = flight.relay.seen.heartbeats()
+    # ArduCopter may leave the mode once more while it boots.
+    beats = [beat for beat in flight.relay.seen.heartbeats() if beat.armed]
     engaged_s = next((beat.t_s for beat in beats if beat.custom_mode == offboard), math.inf)
     told_s = next((beat.t_s for beat in beats if beat.t_s > engaged_s and beat.custom_mode != offboard), None)
     if told_s is None:
@@ -113,7 +114,7 @@ PEOPLES_ORDERS = (
         lambda flight: flight.tell_autopilot("takeover"),
         frozenset({Final.PILOT}),
         needs_stop=False,
-        verify=_hands_off,
+        verify=hands_off,
     ),
     Injection(
         "mode changed by a ground station",
@@ -122,7 +123,7 @@ PEOPLES_ORDERS = (
         _change_mode,
         frozenset({Final.PILOT}),
         needs_stop=False,
-        verify=_hands_off,
+        verify=hands_off,
     ),
     Injection(
         "ground stop to the gate",

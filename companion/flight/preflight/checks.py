@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import shutil
 import tempfile
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
-from companion.autopilot.interface import Link, LinkError
-from companion.autopilot.take_off import send_origin
+from companion.autopilot.interface import Link
 from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle_state import VehicleState
 from companion.clock import Clock, MonotonicClock
 from companion.config.settings import Settings
 from companion.errors import InputError
-from companion.flight.preflight.parameter_rules import check_rule, parameter_check_names, rules
-from companion.flight.preflight.result import CheckResult
-from companion.mavlink.firmware import ARDUCOPTER_BRAKE_MPS2, AutopilotKind
+from companion.flight.preflight.battery import battery
+from companion.flight.preflight.clock_check import check_clock
+from companion.flight.preflight.origin import ORIGIN, origin
+from companion.flight.preflight.parameter_check import check_rule
+from companion.flight.preflight.parameter_rules import parameter_check_names, rules
+from companion.flight.preflight.position import POSE_AGE_S, STANDING, estimator, standing
+from companion.flight.preflight.prearm import PREARM, prearm
+from companion.flight.preflight.result import CheckResult, age
+from companion.mavlink.firmware import MEASURED_BRAKE_MPS2
 from companion.model import Beam
 from companion.sensors.statistics import StreamStatistics
 
@@ -26,8 +30,6 @@ HEARTBEAT_AGE_S = 2.5
 """Two heartbeats may be lost on a link that will do."""
 RATE_SHARE = 0.6
 """Of a rate that was asked for: less is not the jitter of a link but a stream that is not what it should be."""
-POSE_AGE_S = 0.25
-CLOCK_S = 0.03
 STANDING_M = 1.0
 """The beam that looks down cannot be higher than this above the ground on which the vehicle stands."""
 MAP_MB = 200.0
@@ -42,8 +44,9 @@ _LANDED_IN = frozenset({"land", "precision land"})
 
 def check_names(settings: Settings) -> tuple[str, ...]:
     """The names of all checks, as `run_checks` skips them, of both autopilots."""
-    plain = ("link", "autopilot", "attitude", "position", "clock", *_sensor_names(settings), "height", "estimator")
-    return (*plain, "battery", "storage", "disarmed", "mode", BRAKING, *parameter_check_names(settings))
+    connection = ("link", "autopilot", "attitude", "position", "clock")
+    vehicle = ("height", "estimator", STANDING, ORIGIN, PREARM, "battery", "storage", "disarmed", "mode", BRAKING)
+    return (*connection, *_sensor_names(settings), *vehicle, *parameter_check_names(settings))
 
 
 async def run_checks(
@@ -59,8 +62,6 @@ async def run_checks(
 ) -> list[CheckResult]:
     """Look at everything that a flight needs. A check that fails is a result, not an error.
 
-    Without GPS the autopilot is told a global origin, which it needs to hold; that changes no setting.
-
     Args:
         link: to the autopilot.
         telemetry: running for a few seconds already, so that rates mean something.
@@ -75,21 +76,25 @@ async def run_checks(
         InputError: ``skip`` names a check that does not exist.
     """
     _refuse_unknown(skip, settings)
-    now_s = (clock or MonotonicClock()).now_s()
-    if not settings.autopilot.gps and "estimator" not in skip:
-        with contextlib.suppress(LinkError):  # the check of the link says it better
-            send_origin(link, now_s)
+    clock = clock or MonotonicClock()
+    # First, since it may wait: what the others look at is as it is after that.
+    clock_result = _skipped("clock") if "clock" in skip else await check_clock(telemetry, clock)
+    now_s = clock.now_s()
     state = telemetry.state(now_s)
     results = [
-        *_connection(link, telemetry, state, settings, now_s),
+        *_connection(link, state, settings, now_s),
+        clock_result,
         *_sensors(inputs, settings),
         _height(height_m, settings),
-        _estimator(state, settings),
-        _battery(state, settings),
+        estimator(link.kind, state, settings.autopilot),
+        standing(link.kind, state),
+        *await origin(link, lambda: telemetry.state(clock.now_s()), settings.autopilot),
+        prearm(link.kind, state, telemetry.texts, now_s),
+        await battery(link, state, settings.mission),
         _storage(settings),
         _disarmed(state),
         _mode(state),
-        *braking(link.kind, settings),
+        braking(settings),
     ]
     results = [_skipped(result.name) if result.name in skip else result for result in results]
     for rule in rules(link.kind, settings):
@@ -110,13 +115,11 @@ def _skipped(name: str) -> CheckResult:
     return CheckResult(name, False, "skipped", "", "", skipped=True)
 
 
-def _connection(
-    link: Link, telemetry: Telemetry, state: VehicleState, settings: Settings, now_s: float
-) -> Iterator[CheckResult]:
+def _connection(link: Link, state: VehicleState, settings: Settings, now_s: float) -> Iterator[CheckResult]:
     yield CheckResult(
         "link",
         state.heartbeat_age_s <= HEARTBEAT_AGE_S,
-        f"last heartbeat {_age(state.heartbeat_age_s)}",
+        f"last heartbeat {age(state.heartbeat_age_s)}",
         f"not older than {HEARTBEAT_AGE_S:g} s",
         "Heartbeats come once a second; a link that loses three in a row is not one to fly on.",
         "" if state.heartbeat_age_s <= HEARTBEAT_AGE_S else "look at cable, radio and autopilot.url",
@@ -138,23 +141,13 @@ def _connection(
         yield CheckResult(
             name,
             ok,
-            f"{message} at {rate_hz:.1f} Hz, newest {_age(age_s)}",
+            f"{message} at {rate_hz:.1f} Hz, newest {age(age_s)}",
             f"at least {least_hz:g} Hz, not older than {POSE_AGE_S:g} s",
             "Every depth image is placed by the pose at its own time, interpolated between these messages.",
             ""
             if ok
             else f"a faster link, or a lower autopilot.{name}_hz; LOCAL_POSITION_NED comes once there is a position",
         )
-    residual_s = telemetry.clock_residual_s
-    ok = residual_s is not None and residual_s <= CLOCK_S
-    yield CheckResult(
-        "clock",
-        ok,
-        "not aligned" if residual_s is None else f"known to {residual_s * 1e3:.1f} ms",
-        f"to {CLOCK_S * 1e3:g} ms",
-        f"{CLOCK_S * 1e3:g} ms between the clocks of autopilot and camera turn an image by a degree at 0.6 rad/s.",
-        "" if ok else "the autopilot must answer TIMESYNC; a slow or lossy radio between them will not do",
-    )
 
 
 def _sensor_names(settings: Settings) -> tuple[str, ...]:
@@ -184,7 +177,7 @@ def _sensors(inputs: Mapping[str, StreamStatistics], settings: Settings) -> Iter
         yield CheckResult(
             name,
             ok,
-            f"{rate_hz:.1f} Hz, newest {_age(age_s)}",
+            f"{rate_hz:.1f} Hz, newest {age(age_s)}",
             f"at least {RATE_SHARE * asked_hz:g} Hz, not older than {oldest_s:g} s",
             reason,
             "" if ok else "look at the sensor and at sensors.drivers, or take it out of the settings",
@@ -201,35 +194,6 @@ def _height(height_m: float | None, settings: Settings) -> CheckResult:
         f"above 0 and below {most_m:g} m while it stands",
         "The take-off ends when this measurement says so.",
         "" if ok else "look at the beam that looks down; if it cannot see this near, --skip height",
-    )
-
-
-def _estimator(state: VehicleState, settings: Settings) -> CheckResult:
-    ok = state.position_valid and state.pose_age_s <= 2.0 * POSE_AGE_S
-    by = "GPS" if settings.autopilot.gps else "external odometry; GPS is not waited for"
-    return CheckResult(
-        "estimator",
-        ok,
-        ("position valid" if state.position_valid else "position not valid") + f", pose {_age(state.pose_age_s)}",
-        f"valid and fresh (by {by})",
-        "A velocity means nothing to an autopilot that does not know its own.",
-        ""
-        if ok
-        else "wait until the estimator has settled" + ("" if settings.autopilot.gps else "; is odometry fed to it?"),
-    )
-
-
-def _battery(state: VehicleState, settings: Settings) -> CheckResult:
-    low = settings.mission.battery_low_percent
-    percent = state.battery_percent
-    ok = percent is not None and percent > low
-    return CheckResult(
-        "battery",
-        ok,
-        "not known" if percent is None else f"{percent:.0f} %",
-        f"more than {low:g} %",
-        "At mission.battery_low_percent the flight ends.",
-        "" if ok else "charge it, or let the autopilot measure it",
     )
 
 
@@ -278,29 +242,23 @@ def _mode(state: VehicleState) -> CheckResult:
     )
 
 
-def braking(kind: AutopilotKind, settings: Settings) -> Iterator[CheckResult]:
-    """The check of ``control.governor.brake_mps2`` with ArduPilot; none with PX4, for which the default was chosen.
+def braking(settings: Settings) -> CheckResult:
+    """The check of ``control.governor.brake_mps2``.
 
     It does not ask for ``control.speed_law``: without the governor the gate still counts on the number, in the stopping
     budget, before its hard limit and before the fence.
     """
-    if kind is not AutopilotKind.ARDUPILOT:
-        return
     counted_mps2 = settings.control.governor.brake_mps2
-    ok = counted_mps2 <= ARDUCOPTER_BRAKE_MPS2
-    yield CheckResult(
+    ok = counted_mps2 <= MEASURED_BRAKE_MPS2
+    return CheckResult(
         BRAKING,
         ok,
         f"counted on: {counted_mps2:g} m/s²",
-        f"at most {ARDUCOPTER_BRAKE_MPS2:g} m/s² with ArduPilot",
-        f"ArduCopter was measured to brake with {ARDUCOPTER_BRAKE_MPS2:g} m/s²: with more in the settings it slows "
-        "down too late, and the stopping budget does not hold.",
+        f"at most {MEASURED_BRAKE_MPS2:g} m/s²",
+        f"PX4 and ArduCopter were measured to brake with {MEASURED_BRAKE_MPS2:g} m/s²: with more in the settings the "
+        "law slows down too late, and the stopping budget does not hold.",
         ""
         if ok
-        else f"set control.governor.brake_mps2: {ARDUCOPTER_BRAKE_MPS2:g} in the settings file (--fix changes only "
+        else f"set control.governor.brake_mps2: {MEASURED_BRAKE_MPS2:g} in the settings file (--fix changes only "
         f"parameters); if this vehicle was measured to brake harder, --skip {BRAKING}",
     )
-
-
-def _age(age_s: float) -> str:
-    return "never came" if math.isinf(age_s) else f"{age_s:.2f} s old"

@@ -1,82 +1,23 @@
-"""Rules and check of the autopilot's parameters: what happens when we fall silent, and what could hurt underground."""
+"""The rules of the autopilot's parameters: what happens when we fall silent, and what could hurt underground."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 
-from companion.autopilot.interface import Link, LinkError
 from companion.config.settings import Settings
-from companion.flight.preflight.result import CheckResult
+from companion.flight.preflight.parameter_check import Demand, Rule, at_least, between, bits, exactly, one_of
 from companion.mavlink.firmware import AutopilotKind
 
-Value = float | int
-SAME = 1e-6
-"""Parameters are 32-bit floats on the wire."""
 SETPOINTS_MISSED = 3
 """A failsafe that acts on fewer missed setpoints than this acts on the jitter of a healthy link."""
-
-
-@dataclass(frozen=True, slots=True)
-class Demand:
-    """What one parameter must be: one of ``values``, or from ``low`` to ``high``, or with the bit of ``bit`` set."""
-
-    name: str
-    wanted: str
-    set_to: Value
-    values: tuple[Value, ...] = ()
-    low: float = -math.inf
-    high: float = math.inf
-    bit: int | None = None
-
-    def met_by(self, value: Value) -> bool:
-        """Whether a value will do."""
-        if not math.isfinite(value):
-            return False
-        if self.bit is not None:
-            return bool(int(value) & self.bit)
-        if self.values:
-            return any(math.isclose(value, one, rel_tol=SAME, abs_tol=SAME) for one in self.values)
-        slack = SAME * max(1.0, abs(value))
-        return self.low - slack <= value <= self.high + slack
-
-    def fixed(self, value: Value) -> Value:
-        """What to set it to when it is ``value``."""
-        return int(value) | self.bit if self.bit is not None else self.set_to
-
-
-@dataclass(frozen=True, slots=True)
-class Rule:
-    """One check of parameters.
-
-    Attributes:
-        either: the rule holds when all demands of one of these groups are met; the first is what --fix sets.
-        reason: why, in one sentence with the measured fact.
-        required: whether the check fails when the autopilot has no such parameter.
-        reboot: whether the autopilot obeys a new value only after a reboot.
-    """
-
-    either: tuple[tuple[Demand, ...], ...]
-    reason: str
-    required: bool = False
-    reboot: bool = False
-
-    @property
-    def name(self) -> str:
-        """Of the check: that of its first parameter."""
-        return self.either[0][0].name
-
-    @property
-    def wanted(self) -> str:
-        """In words."""
-        return ", or ".join(" and ".join(f"{one.name} {one.wanted}" for one in group) for group in self.either)
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """The names of all that are looked at."""
-        return tuple(dict.fromkeys(one.name for group in self.either for one in group))
+CRUISE_MPS = 1.0
+LIFT_OFF_S = 15.0
+"""From arming until PX4 may disarm a vehicle that has not left the ground: nearly three times the measured 5.4 s."""
+_HOLD_AND_OFFBOARD = (2 | 4, "hold and offboard go on")
+"""Of COM_RCL_EXCEPT and COM_DLL_EXCEPT: the modes that application, gate and failsafes fly. LAND needs none: what is
+landing does not return."""
+ARDUPILOT_ACCEL_CMPSS, ARDUPILOT_JERK_MPSSS = 250.0, 5.0
+"""WPNAV_ACCEL / PSC_JERK_XY is the time constant of its braking: 0.5 s with the defaults, which were measured."""
 
 
 def rules(kind: AutopilotKind, settings: Settings) -> tuple[Rule, ...]:
@@ -91,22 +32,6 @@ def parameter_check_names(settings: Settings) -> tuple[str, ...]:
     return tuple(rule.name for kind in AutopilotKind for rule in rules(kind, settings))
 
 
-def _exactly(name: str, value: Value) -> Demand:
-    return Demand(name, f"{value:g}", value, values=(value,))
-
-
-def _one_of(name: str, values: tuple[Value, ...], meaning: str) -> Demand:
-    return Demand(name, f"{' or '.join(f'{value:g}' for value in values)} ({meaning})", values[0], values=values)
-
-
-def _at_least(name: str, low: float) -> Demand:
-    return Demand(name, f"at least {low:g}", low, low=low)
-
-
-def _bit(name: str, bit: int, meaning: str) -> Demand:
-    return Demand(name, f"with bit value {bit} ({meaning})", bit, bit=bit)
-
-
 def _silence(name: str, settings: Settings) -> Demand:
     high_s = settings.autopilot.silence_s
     low_s = min(SETPOINTS_MISSED * settings.control.period_s, high_s)
@@ -115,6 +40,8 @@ def _silence(name: str, settings: Settings) -> Demand:
 
 def _px4(settings: Settings) -> tuple[Rule, ...]:
     control = settings.control
+    cruise_mps = max(CRUISE_MPS, control.speed_mps)
+    critical_share = max(0.07, settings.mission.battery_low_percent / 100.0)
     then = (
         "stops and holds"
         if settings.autopilot.gps
@@ -128,25 +55,53 @@ def _px4(settings: Settings) -> tuple[Rule, ...]:
             required=True,
         ),
         Rule(
-            ((_exactly("COM_OBL_RC_ACT", 5),),),
+            ((exactly("COM_OBL_RC_ACT", 5),),),
             f"What PX4 does when setpoints stop: with 5 it {then}; the default 0 (position mode) cannot run without a "
             "transmitter, and then it descends and hardly brakes.",
             required=True,
         ),
         Rule(
-            ((_bit("COM_RCL_EXCEPT", 4, "offboard goes on"),), (_one_of("NAV_RCL_ACT", (1, 3), "hold, land"),)),
-            "Underground the transmitter is soon out of reach: the default action is to return, which first climbs.",
+            ((bits("COM_RCL_EXCEPT", *_HOLD_AND_OFFBOARD),), (one_of("NAV_RCL_ACT", (3,), "land"),)),
+            "Underground the transmitter is soon out of reach. With offboard alone excepted PX4 flies on without it, "
+            "but the next hold, the gate's or a failsafe's, ends after 5 s in a return: it climbed 6 m and flew home. "
+            "Hold as action (1) hovers where nobody reaches it until the battery is empty.",
         ),
         Rule(
             (
-                (_one_of("NAV_DLL_ACT", (0, 1, 3), "nothing, hold, land"),),
-                (_bit("COM_DLL_EXCEPT", 4, "offboard goes on"),),
+                (one_of("NAV_DLL_ACT", (0, 3), "nothing, land"),),
+                (bits("COM_DLL_EXCEPT", *_HOLD_AND_OFFBOARD),),
             ),
-            "Underground the ground station is soon out of reach: to return would first climb.",
+            "Underground the ground station is soon out of reach: as for the transmitter, a return would first climb.",
         ),
         Rule(
-            ((_one_of("COM_LOW_BAT_ACT", (0, 2), "warn, land"),),),
-            "On a low battery 3 returns, which first climbs; the application ends the flight before.",
+            ((exactly("COM_LOW_BAT_ACT", 2),),),
+            "The last line when application and gate are dead and the vehicle holds: at BAT_CRIT_THR 2 lands; 3 "
+            "returns, which first climbs, and 0 only warns and hovers until it falls.",
+        ),
+        Rule(
+            ((between("BAT_CRIT_THR", 0.05, critical_share, min(0.07, critical_share)),),),
+            "There PX4 lands by itself: above nothing, and below mission.battery_low_percent, at which the application "
+            "ends the flight.",
+        ),
+        Rule(
+            ((between("BAT_LOW_THR", 0.1, 0.5, 0.15),),),
+            "From there on PX4 calls the battery low, and the application ends the flight whatever percent is shown.",
+        ),
+        Rule(
+            (
+                (
+                    Demand(
+                        "COM_DISARM_PRFLT",
+                        f"at least {LIFT_OFF_S:g} s, or at most 0 (never)",
+                        LIFT_OFF_S,
+                        low=LIFT_OFF_S,
+                    ),
+                ),
+                (Demand("COM_DISARM_PRFLT", "at most 0", 0.0, high=0.0),),
+            ),
+            "So long after arming PX4 disarms a vehicle that has not left the ground. By our setpoints it was measured "
+            f"to leave it after 5.4 s; {LIFT_OFF_S:g} s lets a heavier one take nearly three times as long, the "
+            "default of 10 s leaves 4.6 s.",
         ),
         Rule(
             ((Demand("EKF2_NOAID_TOUT", "at most 1000000 µs", 1_000_000, low=0.0, high=1e6),),),
@@ -154,15 +109,21 @@ def _px4(settings: Settings) -> tuple[Rule, ...]:
             "descends after 0.75 s.",
         ),
         Rule(
-            ((_at_least("MPC_XY_VEL_MAX", control.speed_mps),),),
+            ((between("MPC_XY_CRUISE", 0.1, cruise_mps, cruise_mps),),),
+            "So fast PX4 flies to a place that it has to hold or to land at, which is never further away than the way "
+            "of a stop. Should it ever take a wrong place (0°/0°), the default of 5 m/s was in a wall before anybody "
+            f"could act; {cruise_mps:g} m/s is no more than a brisk walk, and leaves seconds to take it away.",
+        ),
+        Rule(
+            ((at_least("MPC_XY_VEL_MAX", control.speed_mps),),),
             "The vehicle would be slower than control.speed_mps, and the law would wait for it.",
         ),
         Rule(
-            ((_at_least("MPC_Z_VEL_MAX_UP", control.max_climb_mps),),),
+            ((at_least("MPC_Z_VEL_MAX_UP", control.max_climb_mps),),),
             "The vehicle would climb slower than control.max_climb_mps, and rising ground would come nearer.",
         ),
         Rule(
-            ((_at_least("MPC_Z_VEL_MAX_DN", control.max_climb_mps),),),
+            ((at_least("MPC_Z_VEL_MAX_DN", control.max_climb_mps),),),
             "The vehicle would sink slower than control.max_climb_mps, and a falling roof would come nearer.",
         ),
     )
@@ -171,13 +132,13 @@ def _px4(settings: Settings) -> tuple[Rule, ...]:
 def _px4_without_gps() -> tuple[Rule, ...]:
     rule = partial(_without_gps, "PX4", reboot=True)
     return (
-        rule(_exactly("SYS_HAS_GPS", 0)),
-        rule(_exactly("SYS_HAS_MAG", 0)),
-        rule(_exactly("EKF2_GPS_CTRL", 0)),
-        rule(_one_of("EKF2_EV_CTRL", (15, 11), "ODOMETRY, VISION_POSITION_ESTIMATE"), required=True),
-        rule(_exactly("EKF2_HGT_REF", 3), required=True),
-        rule(_exactly("EKF2_MAG_TYPE", 5)),
-        rule(_exactly("COM_ARM_WO_GPS", 1), reboot=False),
+        rule(exactly("SYS_HAS_GPS", 0)),
+        rule(exactly("SYS_HAS_MAG", 0)),
+        rule(exactly("EKF2_GPS_CTRL", 0)),
+        rule(one_of("EKF2_EV_CTRL", (15, 11), "ODOMETRY, VISION_POSITION_ESTIMATE"), required=True),
+        rule(exactly("EKF2_HGT_REF", 3), required=True),
+        rule(exactly("EKF2_MAG_TYPE", 5)),
+        rule(exactly("COM_ARM_WO_GPS", 1), reboot=False),
     )
 
 
@@ -193,42 +154,64 @@ def _ardupilot(settings: Settings) -> tuple[Rule, ...]:
             required=True,
         ),
         Rule(
-            ((_exactly("GUID_OPTIONS", 0),),),
+            ((exactly("GUID_OPTIONS", 0),),),
             "Its options change what guided mode makes of a velocity; all measurements were made with 0.",
             required=True,
         ),
         Rule(
             (
-                (_exactly("AVOID_ENABLE", 0),),
+                (exactly("AVOID_ENABLE", 0),),
                 (
                     Demand("AVOID_MARGIN", f"below {critical_m:g} m", below_m, low=0.0, high=below_m),
-                    _exactly("AVOID_BACKUP_SPD", 0.0),
+                    exactly("AVOID_BACKUP_SPD", 0.0),
                 ),
             ),
             "Its own avoidance acts in guided: with a wall at 1.2 m it flew backwards at 0.77 m/s on a zero command.",
         ),
         Rule(
             (
-                (_one_of("FS_THR_ENABLE", (3, 0, 7), "land, nothing, brake"),),
-                (_bit("FS_OPTIONS", 4, "guided goes on"),),
+                (one_of("FS_THR_ENABLE", (3, 0, 7), "land, nothing, brake"),),
+                (bits("FS_OPTIONS", 4, "guided goes on"),),
             ),
             f"Underground the transmitter is soon out of reach: by default ArduPilot then {climbs}.",
         ),
         Rule(
-            ((_one_of("FS_GCS_ENABLE", (0, 5, 7), "nothing, land, brake"),),),
+            ((one_of("FS_GCS_ENABLE", (0, 5, 7), "nothing, land, brake"),),),
             f"Underground the ground station is soon out of reach: with 1 ArduPilot then {climbs}.",
         ),
         Rule(
-            ((_one_of("FS_EKF_ACTION", (1, 3), "land"),),),
+            ((one_of("FS_EKF_ACTION", (1, 3), "land"),),),
             "When the estimator fails, nothing but landing is possible underground.",
         ),
         Rule(
-            ((_one_of("BATT_FS_LOW_ACT", (0, 1, 7), "nothing, land, brake"),),),
-            f"On a low battery 2, 3 and 4 make that ArduPilot {climbs}; the application ends the flight before.",
+            ((exactly("BATT_FS_LOW_ACT", 1),),),
+            "The last line when application and gate are dead and the vehicle hovers in guided. By default nothing is "
+            f"done; 2, 3, 4 and 6 make that ArduPilot {climbs}; brake (7) needs twice the way of a stop by zero "
+            "velocity, and then hovers on until the battery is empty. Land (1) is what the application does as well.",
         ),
         Rule(
-            ((_one_of("BATT_FS_CRT_ACT", (1, 0, 7), "land, nothing, brake"),),),
-            f"On a critical battery 2, 3 and 4 make that ArduPilot {climbs}.",
+            ((exactly("BATT_FS_CRT_ACT", 1),),),
+            f"On a critical battery nothing is left but to land: 0 hovers until it falls, 2, 3, 4 and 6 make that "
+            f"ArduPilot {climbs}.",
+        ),
+        Rule(
+            ((Demand("BATT_LOW_VOLT", "above 0 V", None, low=0.1),),),
+            "Percent is a coulomb count that begins at 100 % at each boot, whatever the battery has left: only a "
+            "voltage tells that it is low. At BATT_LOW_VOLT ArduPilot was measured to say so, and to act.",
+            advice="param set BATT_LOW_VOLT to the voltage at which this battery has to be on the ground, about 3.5 V "
+            "a cell; --fix does not know its cells",
+        ),
+        Rule(
+            ((between("WPNAV_ACCEL", 50.0, ARDUPILOT_ACCEL_CMPSS, ARDUPILOT_ACCEL_CMPSS),),),
+            "Braking rests on WPNAV_ACCEL / PSC_JERK_XY, 0.5 s with the defaults: from 0.5 m/s zero velocity then took "
+            "0.29 m and silence 0.54 m; with WPNAV_ACCEL 500 it was 0.52 and 0.72 m.",
+            required=True,
+        ),
+        Rule(
+            ((at_least("PSC_JERK_XY", ARDUPILOT_JERK_MPSSS),),),
+            "Braking rests on WPNAV_ACCEL / PSC_JERK_XY: from 0.5 m/s silence took 0.54 m with the default of 5, 0.84 "
+            "m with 2, and 1.24 m (from 0.43 m/s) with 1.",
+            required=True,
         ),
     )
 
@@ -237,53 +220,14 @@ def _ardupilot_without_gps() -> tuple[Rule, ...]:
     rule = partial(_without_gps, "ArduPilot")
     sources = ("EK3_SRC1_POSXY", "EK3_SRC1_VELXY", "EK3_SRC1_POSZ", "EK3_SRC1_VELZ", "EK3_SRC1_YAW")
     return (
-        rule(_exactly("GPS1_TYPE", 0), reboot=True),
-        rule(_exactly("VISO_TYPE", 1), required=True, reboot=True),
-        *(rule(_exactly(name, 6), required=True) for name in sources),
-        rule(_exactly("COMPASS_ENABLE", 0), reboot=True),
-        *(rule(_exactly(name, 0)) for name in ("COMPASS_USE", "COMPASS_USE2", "COMPASS_USE3")),
+        rule(exactly("GPS1_TYPE", 0), reboot=True),
+        rule(exactly("VISO_TYPE", 1), required=True, reboot=True),
+        *(rule(exactly(name, 6), required=True) for name in sources),
+        rule(exactly("COMPASS_ENABLE", 0), reboot=True),
+        *(rule(exactly(name, 0)) for name in ("COMPASS_USE", "COMPASS_USE2", "COMPASS_USE3")),
     )
 
 
 def _without_gps(autopilot: str, demand: Demand, required: bool = False, reboot: bool = False) -> Rule:
     why = f"Without GPS {autopilot} flew by external odometry with this value."
     return Rule(((demand,),), why, required, reboot)
-
-
-async def check_rule(link: Link, rule: Rule, fix: bool) -> CheckResult:
-    """Whether the autopilot's parameters are as a rule wants them; with ``fix`` they are made so. Never raises."""
-    try:
-        values = {name: await link.get_param(name) for name in rule.parameters}
-    except LinkError as error:
-        return CheckResult(rule.name, False, str(error), rule.wanted, rule.reason, "ask again on a better link")
-    if all(value is None for value in values.values()):
-        found = "the autopilot has no such parameter"
-        return CheckResult(rule.name, not rule.required, found, rule.wanted, rule.reason)
-    found = ", ".join(f"{name} {_value(value)}" for name, value in values.items())
-    if _holds(rule, values):
-        return CheckResult(rule.name, True, found, rule.wanted, rule.reason)
-    group = next((group for group in rule.either if all(values[one.name] is not None for one in group)), ())
-    changes = {one.name: one.fixed(value) for one in group if (value := values[one.name]) is not None}
-    commands = " and ".join(f"param set {name} {_value(value)}" for name, value in changes.items())
-    after = ", then reboot the autopilot" if rule.reboot else ""
-    if not fix or not changes:
-        return CheckResult(rule.name, False, found, rule.wanted, rule.reason, f"{commands}{after}, or --fix")
-    try:
-        for name, value in changes.items():
-            await link.set_param(name, value)
-    except LinkError as error:
-        return CheckResult(rule.name, False, found, rule.wanted, rule.reason, f"--fix failed: {error}")
-    done = f"set by --fix: {commands}"
-    if rule.reboot:
-        return CheckResult(rule.name, False, found, rule.wanted, rule.reason, f"{done}; reboot the autopilot to apply")
-    return CheckResult(rule.name, True, f"was {found}", rule.wanted, rule.reason, done)
-
-
-def _holds(rule: Rule, values: Mapping[str, Value | None]) -> bool:
-    return any(
-        all((value := values[one.name]) is not None and one.met_by(value) for one in group) for group in rule.either
-    )
-
-
-def _value(value: Value | None) -> str:
-    return "(none)" if value is None else f"{value:.7g}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -36,6 +37,11 @@ class CheckResult:
     def failed(self) -> bool:
         """Whether it stands in the way of a flight."""
         return not self.ok and not self.skipped
+
+
+def age(age_s: float) -> str:
+    """How old something is, in words."""
+    return "never came" if math.isinf(age_s) else f"{age_s:.2f} s old"
 
 
 def render(results: Sequence[CheckResult]) -> str:

@@ -215,7 +215,7 @@ class Loop:
         frames = transport.receive(now_s)
         self._follow(self._transports[1 + number])
         for frame in frames:
-            if self._gate.on_attached_message(frame, attached.may):
+            if self._gate.on_attached_message(frame, attached.may, now_s):
                 self._down(frame.raw)
             if attached.may == "command" and _concerns_application(frame):
                 self._up(frame.raw)

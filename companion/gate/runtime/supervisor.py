@@ -142,8 +142,12 @@ class Supervisor:
             self._gate.on_application_died(how)
 
     def _leave(self) -> None:
-        """The application has ended in good order; so does the gate, unless it is stopping the vehicle just now."""
-        if not (self._gate.airborne and self._gate.stage > Stage.PASS):
+        """The application has ended in good order; so does the gate, unless the vehicle still needs it.
+
+        It does while the gate stops it, and while it flies by odometry that passes through here, whoever has it.
+        """
+        stops = self._gate.airborne and self._gate.stage > Stage.PASS
+        if not stops and not self._gate.carries_odometry:
             self.exit_code = self._goodbye_code
 
     def _after_death(self, now_s: float, autopilot_silent_s: float) -> None:

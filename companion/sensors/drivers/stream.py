@@ -64,7 +64,7 @@ class StreamDriver:
     @property
     def residual_s(self) -> float | None:
         """Bound of the error of the stamps; None while the clock of the other end is not known."""
-        return None if self._receiver is None else self._receiver.alignment.residual_s
+        return None if self._receiver is None else self._receiver.alignment.residual_s(self._clock.now_s())
 
     async def run(self, sink: SensorSink) -> None:
         """Receive until cancelled. A stream that is not there, or not ours, is tried again up to a second later."""

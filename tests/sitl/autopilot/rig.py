@@ -102,10 +102,15 @@ class Rig:
         self.send(setpoint(vx, vy, vz, yaw_rate, frame, mask, system))
 
     def command(self, command: int, *values: float, system: int = 1) -> int:
-        """The MAV_RESULT; -1 when there was no answer."""
-        answers = self.send(command_long(command, *values, system=system))
-        acks = [a for a in answers if a.get_type() == "COMMAND_ACK" and a.command == command]
-        return int(acks[0].result) if acks else -1
+        """The MAV_RESULT, the last one where there are two; -1 when there was no answer."""
+        results = self.results(command_long(command, *values, system=system))
+        return results[-1] if results else -1
+
+    def results(self, message: Message, source: tuple[int, int] | None = None) -> list[int]:
+        """Every MAV_RESULT that a command is acknowledged with, at once and soon after."""
+        answers = self.send(message, source)
+        answers += self.run(0.02) if self.vehicle.state.later else []
+        return [int(a.result) for a in answers if a.get_type() == "COMMAND_ACK" and a.command == message.command]
 
     def arm(self) -> int:
         return self.command(m.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)

@@ -118,16 +118,32 @@ async def test_a_test_can_be_the_pilot() -> None:
     """The control port stands for the transmitter; what it does not know changes nothing."""
     async with serving(control_port=0) as (endpoint, _):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as hand:
-            for text in (b"nonsense", b"battery nan", b"battery 30", b"gps off", b"takeover"):
+            for text in (
+                b"nonsense",
+                b"battery nan",
+                b"battery volts x",
+                b"battery 30",
+                b"battery volts 13.6",
+                b"gps off",
+                b"rc on",
+                b"takeover",
+            ):
                 hand.sendto(text, (LOOPBACK, endpoint.control_port or 0))
             for _ in range(500):
                 await asyncio.sleep(0.01)
                 if endpoint.autopilot.mode.name == "POSCTL":
-                    return
-    assert endpoint.autopilot.mode.name == "POSCTL"
-    assert endpoint.bad == 2
-    assert endpoint.autopilot.state.battery.percent == pytest.approx(30.0, abs=0.1)
-    assert not endpoint.autopilot.state.gps_present
+                    break
+            state = endpoint.autopilot.state
+            assert endpoint.autopilot.mode.name == "POSCTL"
+            assert endpoint.bad == 3
+            assert state.battery.percent == pytest.approx(30.0, abs=0.1)
+            assert state.battery.voltage_v == 13.6
+            assert not state.gps_present
+            assert state.transmitter_on is True
+            for text in (b"rc off", b"battery 40"):
+                hand.sendto(text, (LOOPBACK, endpoint.control_port or 0))
+            await asyncio.sleep(0.5)
+    assert (state.battery.measured_v, state.transmitter_on) == (None, False)
 
 
 async def test_a_lossy_link_loses_about_its_share() -> None:

@@ -6,7 +6,6 @@ import math
 
 import pytest
 
-from companion.model import Pose
 from sitl.autopilot import ARDUPILOT, PX4, Personality
 from sitl.autopilot.mavlink import dialect as m
 from tests.sitl.autopilot.rig import flying, ready, still, travelled
@@ -15,24 +14,66 @@ BOTH = pytest.mark.parametrize("personality", [PX4, ARDUPILOT], ids=["px4", "ard
 
 
 def test_px4_take_off_holds_early_and_creeps_up() -> None:
-    """HOLD at 0.9 m is not "height reached": that takes 7 to 9 s."""
+    """0.05 m 4.2 s after arming, 0.5 m after 5 s; HOLD at 0.9 m is not "height reached", 1.2 m takes 8.6 s."""
     rig = ready(PX4, parameters={"MIS_TAKEOFF_ALT": 1.5})
-    assert rig.arm() == 0
     assert rig.command(m.MAV_CMD_NAV_TAKEOFF, *[math.nan] * 7) == 0
+    assert rig.arm() == 0
     begun_s = rig.t_s
+    assert rig.until(lambda: rig.height_m > 0.05, 10.0) == pytest.approx(4.2, abs=0.3)
+    rig.until(lambda: rig.height_m > 0.5, 10.0)
+    assert rig.t_s - begun_s == pytest.approx(5.0, abs=0.3)
     rig.until(lambda: rig.mode == "AUTO.LOITER", 10.0)
     assert rig.height_m == pytest.approx(0.9, abs=0.1)
+    rig.until(lambda: rig.height_m > 1.2, 10.0)
+    assert 7.0 < rig.t_s - begun_s < 9.0
     rig.until(lambda: rig.height_m > 1.4, 10.0)
-    assert 6.5 < rig.t_s - begun_s < 9.0
+
+
+def test_px4_needs_5_s_to_lift_off_in_offboard_and_thinks_that_it_flies_before() -> None:
+    """A climb setpoint of 0.3 m/s: "Takeoff detected" 1.9 s after arming, 0.05 m 5.4 s, 0.5 m 7.4 s, 1.2 m 9.7 s."""
+    rig = ready(PX4)
+    rig.streaming = (0.0, 0.0, -0.3, 0.0)
+    rig.run(0.5)
+    assert rig.set_mode("OFFBOARD") == 0
+    assert rig.arm() == 0
+    begun_s = rig.t_s
+    assert rig.until(lambda: "Takeoff detected\t" in rig.texts(), 5.0) == pytest.approx(1.9, abs=0.1)
+    for height_m, after_s in ((0.05, 5.4), (0.5, 7.4), (1.2, 9.7)):
+        rig.until(lambda height_m=height_m: rig.height_m > height_m, 10.0)
+        assert rig.t_s - begun_s == pytest.approx(after_s, abs=0.4)
+
+
+def test_px4_spools_up_and_ramps_as_its_parameters_say() -> None:
+    """COM_SPOOLUP_TIME and MPC_TKO_RAMP_T together can take longer than COM_DISARM_PRFLT leaves."""
+    rig = ready(PX4, parameters={"COM_SPOOLUP_TIME": 5.0, "MPC_TKO_RAMP_T": 5.0})
+    rig.streaming = (0.0, 0.0, -0.3, 0.0)
+    rig.run(0.5)
+    assert rig.set_mode("OFFBOARD") == 0
+    assert rig.arm() == 0
+    assert rig.until(lambda: not rig.armed, 12.0) == pytest.approx(10.0, abs=0.2)
+    assert rig.height_m == 0.0
 
 
 def test_ardupilot_take_off_takes_under_five_seconds() -> None:
-    """4.7 s to 1.5 m, and the mode stays GUIDED."""
+    """Moves after 2.7 s, 1.5 m at 4.75 s, 1.57 at most; "on the ground" and STANDBY until 3.1 s; stays GUIDED."""
     rig = ready(ARDUPILOT)
     assert rig.set_mode("GUIDED") == 0
     assert rig.arm() == 0
+    assert rig.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, 245, 10_000) == 0
     assert rig.command(m.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 1.5) == 0
-    assert 4.0 < rig.until(lambda: rig.height_m > 1.43, 10.0) < 5.4
+    begun_s = rig.t_s
+    assert rig.until(lambda: rig.height_m > 0.01, 5.0) == pytest.approx(2.7, abs=0.1)
+    rig.until(lambda: rig.newest("EXTENDED_SYS_STATE").landed_state != m.MAV_LANDED_STATE_ON_GROUND, 5.0)
+    assert rig.t_s - begun_s == pytest.approx(3.1, abs=0.2)
+    assert ARDUPILOT.system_status(rig.vehicle.state) == m.MAV_STATE_ACTIVE
+    assert {x.system_status for t, x in rig.received if t < rig.t_s - 0.01 and x.get_type() == "HEARTBEAT"} == {3}
+    rig.until(lambda: rig.height_m >= 1.5, 10.0)
+    assert rig.t_s - begun_s == pytest.approx(4.75, abs=0.3)
+    heights = []
+    for _ in range(200):
+        rig.run(0.01)
+        heights.append(rig.height_m)
+    assert max(heights) == pytest.approx(1.57, abs=0.03)
     assert rig.mode == "GUIDED"
 
 
@@ -71,44 +112,6 @@ def test_landing_disarms_by_itself(personality: Personality) -> None:
     assert rig.height_m == 0.0
 
 
-@BOTH
-def test_commanded_speed_and_turn_are_not_quite_reached(personality: Personality) -> None:
-    """0.5 m/s gave 0.42 along the nose, 17 degrees/s gave 16 to 17, clockwise."""
-    rig = flying(personality, start=Pose(0.0, 0.0, 0.0, 0.0, 1.0))
-    rig.streaming = (0.5, 0.0, 0.0, 0.0)
-    rig.run(3.0)
-    since, begun_s = rig.pose, rig.t_s
-    rig.run(10.0)
-    assert travelled(rig, since) / (rig.t_s - begun_s) == pytest.approx(0.42, abs=0.03)
-    assert math.atan2(rig.pose.y_m - since.y_m, rig.pose.x_m - since.x_m) == pytest.approx(1.0, abs=0.25)
-    rig.streaming = (0.0, 0.0, 0.0, math.radians(17.0))
-    rig.run(2.0)
-    assert -17.0 < math.degrees(rig.pose.yaw_rate_radps) < -16.0
-
-
-def test_px4_brakes_as_measured() -> None:
-    """Zero velocity: below 0.1 m/s after 0.75 to 1 s, 0.15 m travelled; the slow drift adds some."""
-    rig = flying(PX4)
-    rig.streaming = (0.5, 0.0, 0.0, 0.0)
-    rig.run(4.0)
-    since = rig.pose
-    rig.streaming = (0.0, 0.0, 0.0, 0.0)
-    rig.setpoint(0.0)
-    assert 0.6 < rig.until(lambda: still(rig), 3.0) < 1.0
-    assert 0.1 < travelled(rig, since) < 0.22
-
-
-@BOTH
-def test_height_drifts_in_velocity_mode(personality: Personality) -> None:
-    """The height loop is the application's."""
-    rig = flying(personality)
-    heights = []
-    for _ in range(30):
-        rig.run(1.0)
-        heights.append(rig.height_m)
-    assert 0.05 < max(heights) - min(heights) < 1.5
-
-
 def test_px4_takes_offboard_only_from_a_stream() -> None:
     """Above 2 Hz before the mode is taken."""
     rig = ready(PX4)
@@ -123,19 +126,19 @@ def test_px4_takes_offboard_only_from_a_stream() -> None:
 
 
 def test_px4_holds_when_setpoints_stop_and_comes_back_by_itself() -> None:
-    """COM_OF_LOSS_T 0.5 and hold: stopped 1.25 s after the loss, 0.4 m on; back within 20 ms."""
+    """COM_OF_LOSS_T 0.5 and hold: 0.42 m after 1.3 s, 0.5 in the end; back within 20 ms."""
     rig = flying(PX4, parameters={"COM_OBL_RC_ACT": 5, "COM_OF_LOSS_T": 0.5})
-    rig.streaming = (0.5, 0.0, 0.0, 0.0)
+    rig.streaming = (0.41, 0.0, 0.0, 0.0)
     rig.run(4.0)
     rig.streaming = None
-    rig.setpoint(0.5)
+    rig.setpoint(0.41)
     since, lost_s = rig.pose, rig.t_s
     late_s = rig.until(lambda: rig.mode == "AUTO.LOITER", 2.0) - 0.5
     assert 0.02 < late_s < 0.14
-    rig.until(lambda: still(rig), 3.0)
-    assert rig.t_s - lost_s == pytest.approx(1.25, abs=0.3)
-    assert travelled(rig, since) == pytest.approx(0.4, abs=0.12)
+    rig.run(lost_s + 1.3 - rig.t_s)
+    assert travelled(rig, since) == pytest.approx(0.42, abs=0.04)
     rig.run(5.0)
+    assert travelled(rig, since) == pytest.approx(0.5, abs=0.05)
     assert rig.mode == "AUTO.LOITER"
     rig.setpoint(0.3)
     rig.run(0.02)
@@ -158,7 +161,7 @@ def test_px4_without_transmitter_descends_by_default_and_still_shows_offboard() 
     assert travelled(rig, since) > 0.8
 
 
-@pytest.mark.parametrize(("timeout_s", "stopped_s", "way_m"), [(3.0, 4.1, None), (0.5, 1.7, 0.54)])
+@pytest.mark.parametrize(("timeout_s", "stopped_s", "way_m"), [(3.0, 4.1, None), (0.5, 1.5, 0.54)])
 def test_ardupilot_flies_on_and_turns_on_until_guid_timeout(
     timeout_s: float, stopped_s: float, way_m: float | None
 ) -> None:
@@ -171,7 +174,7 @@ def test_ardupilot_flies_on_and_turns_on_until_guid_timeout(
     since, lost_s = rig.pose, rig.t_s
     rig.run(timeout_s - 0.1)
     assert rig.pose.yaw_rate_radps == pytest.approx(-0.39, abs=0.03)
-    assert rig.pose.vx_mps == pytest.approx(0.42, abs=0.12)
+    assert rig.pose.vx_mps == pytest.approx(0.507, abs=0.03)
     assert abs(rig.pose.vy_mps) < 0.1
     rig.until(lambda: still(rig), 3.0)
     assert rig.t_s - lost_s == pytest.approx(stopped_s, abs=0.3)
@@ -200,16 +203,16 @@ def test_ardupilot_surges_below_two_hertz_with_a_short_timeout() -> None:
 
 @pytest.mark.parametrize(
     ("personality", "frame", "moves"),
-    [(PX4, 8, True), (PX4, 12, False), (ARDUPILOT, 8, True), (ARDUPILOT, 9, True), (ARDUPILOT, 12, False)],
+    [(PX4, 8, 1.2), (PX4, 12, 0.05), (ARDUPILOT, 8, 1.2), (ARDUPILOT, 9, 1.2), (ARDUPILOT, 12, 0.6)],
 )
-def test_body_frames(personality: Personality, frame: int, moves: bool) -> None:
-    """Frames 8 and 9 behave alike on ArduPilot, frame 12 only hovers."""
+def test_body_frames(personality: Personality, frame: int, moves: float) -> None:
+    """Frames 8 and 9 behave alike on ArduPilot; in frame 12 it does not fly what is asked, and drifts at 0.25 m/s."""
     rig = flying(personality)
     rig.streaming, since = None, rig.pose
     for _ in range(30):
         rig.setpoint(0.5, frame=frame)
         rig.run(0.1)
-    assert (travelled(rig, since) > 0.7) is moves
+    assert travelled(rig, since) == pytest.approx(moves, abs=0.15)
 
 
 @BOTH

@@ -192,7 +192,7 @@ class TestEnd:
             "  allow_turning_radius_above_margin: true}\nsim: {dynamics: {command_latency_s: 1}}\n" + QUICK.strip(),
             encoding="utf-8",
         )
-        done = fly(tmp_path, "--world", "room", "--config", str(fast), "--time-limit", "60")
+        done = fly(tmp_path, "--world", "room", "--config", str(fast), "--time-limit", "90")
         assert done.code == 1
         assert "contact" in done.err
         assert (done.summary["contacts"], done.summary["config"]) == (1, str(fast))

@@ -49,6 +49,19 @@ def test_it_reaches_its_gain_times_the_command() -> None:
     assert last.yaw_rate_radps == pytest.approx(0.3 * CALM.yaw_rate_gain, abs=EXACT)
 
 
+@pytest.mark.parametrize("lateral_mps", [0.1, -0.1])
+def test_it_moves_sideways_as_it_is_asked(lateral_mps: float) -> None:
+    """Protects station keeping in simulated flights: positive is to the left, whatever the heading."""
+    body = vehicle()
+    for _ in range(500):
+        body.command(Setpoint(body.pose.t_s, 0.0, 0.0, 0.0, lateral_mps))
+        last = body.step(DT_S)
+    left = -math.sin(START.yaw_rad), math.cos(START.yaw_rad)
+    wanted_mps = lateral_mps * CALM.speed_gain
+    assert (last.vx_mps, last.vy_mps) == pytest.approx((wanted_mps * left[0], wanted_mps * left[1]), abs=EXACT)
+    assert body.forward_mps == pytest.approx(0.0, abs=EXACT)
+
+
 def test_the_speed_follows_with_a_first_order_lag() -> None:
     """Protects the lag: after each 0.3 s, 1/e of what was missing is missing."""
     dynamics = CALM.model_copy(update={"command_latency_s": 0.0, "max_acceleration_mps2": 20.0})

@@ -13,10 +13,11 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from companion.clock import MonotonicClock
 from companion.errors import InputError
-from sitl.world.connection import Connection, ConnectionCounts, Decoder, TruthUrl, frames
-from sitl.world.handshake import ORIGIN_TRIES, Handshake, wanted_ids
+from sitl.world.connection import Connection, ConnectionCounts, Decoder, PeerUrl, frames
+from sitl.world.handshake import ORIGIN_TRIES, Handshake, told_an_origin, wanted_ids
+from sitl.world.mavlink_out import LocalFrame
 from sitl.world.truth_messages import TruthKind, TruthReader
-from tests.sitl.world.messages import ALT_M, LAT_DEG, Tap, heartbeat, hil
+from tests.sitl.world.messages import LAT_DEG, Tap, heartbeat, hil
 
 WANTED = wanted_ids(TruthKind.AUTO)
 
@@ -82,7 +83,7 @@ def test_garbage_is_survived() -> None:
     draw = random.Random(5)  # noqa: S311 - not a secret
     received: list[str] = []
     connection = Connection(
-        TruthUrl.parse("udp://127.0.0.1:14560"),
+        PeerUrl.of_truth("udp://127.0.0.1:14560"),
         1,
         WANTED,
         MonotonicClock(),
@@ -103,7 +104,7 @@ def test_garbage_is_survived() -> None:
 
 def test_without_anybody_there_sending_is_counted() -> None:
     """Nothing waits for an autopilot that may come in an hour."""
-    url = TruthUrl.parse("udp://127.0.0.1:14560")
+    url = PeerUrl.of_truth("udp://127.0.0.1:14560")
     connection = Connection(url, 1, WANTED, MonotonicClock(), lambda _, __: None)
     connection.mavlink.heartbeat_send(18, 8, 0, 0, 4)
     assert connection.counts.unsent == 1
@@ -120,7 +121,7 @@ def test_without_anybody_there_sending_is_counted() -> None:
 )
 def test_addresses(url: str, kind: str) -> None:
     """As other MAVLink programs write them."""
-    assert TruthUrl.parse(url).kind == kind
+    assert PeerUrl.of_truth(url).kind == kind
 
 
 @pytest.mark.parametrize(
@@ -129,7 +130,17 @@ def test_addresses(url: str, kind: str) -> None:
 def test_wrong_addresses(url: str) -> None:
     """Refused at once, not after the mine has been built."""
     with pytest.raises(InputError, match="--truth"):
-        TruthUrl.parse(url)
+        PeerUrl.of_truth(url)
+
+
+@pytest.mark.parametrize(
+    "url", ["", "14565", "udp://h:1", "udpin://h:1", "tcp://h:1", "udpout://h", "udpout://h:99999"]
+)
+def test_odometry_goes_to_one_address_only(url: str) -> None:
+    """It is sent, not waited for: who passes it on listens."""
+    assert str(PeerUrl.of_odometry("udpout://h:1")) == "udpout://h:1"
+    with pytest.raises(InputError, match="--odometry-to"):
+        PeerUrl.of_odometry(url)
 
 
 # What the world asks of the autopilot, and that it stops asking once it has it.
@@ -141,10 +152,12 @@ HIL, SIM = 115, 108
 class Talk:
     """A conversation and what it says, second by second."""
 
-    def __init__(self, kind: TruthKind = TruthKind.AUTO, set_origin: bool = False) -> None:
+    def __init__(
+        self, kind: TruthKind = TruthKind.AUTO, gps: bool = True, frame: LocalFrame = LocalFrame.LOCAL_NED
+    ) -> None:
         self.tap = Tap()
         self.reader = TruthReader(kind)
-        self.handshake = Handshake(self.tap.sender, 1, self.reader, 50.0, set_origin)
+        self.handshake = Handshake(self.tap.sender, 1, self.reader, 50.0, told_an_origin(gps, frame))
         self.now_s = 100.0
 
     def go_on(self, seconds: int, truth_hz: int = 0, beats: bool = True, autopilot: int = 12) -> None:
@@ -211,13 +224,13 @@ def test_it_asks_seldom_after_a_while() -> None:
 
 def test_an_origin_is_told_until_it_is_answered() -> None:
     """Where the truth says that it booted; a datagram may be lost, so more than once."""
-    talk = Talk(set_origin=True)
+    talk = Talk(gps=False)
     talk.reader.on_message(hil((0.0, 0.0, 0.0)), 100.0)
     talk.go_on(7)
     origins = talk.tap.named("SET_GPS_GLOBAL_ORIGIN")
     assert len(origins) >= 2
     assert origins[0].latitude == pytest.approx(LAT_DEG * 1e7, abs=2)
-    assert origins[0].altitude == pytest.approx(ALT_M * 1e3, abs=2)
+    assert origins[0].altitude == 0, "as the application says it: another would shift the height"
     assert origins[0].target_system == 1
     talk.handshake.on_message(mavlink.MAVLink_gps_global_origin_message(1, 2, 3, 0), talk.now_s)
     talk.go_on(10)
@@ -226,7 +239,7 @@ def test_an_origin_is_told_until_it_is_answered() -> None:
 
 def test_an_autopilot_that_never_answers_is_not_told_for_ever(caplog: pytest.LogCaptureFixture) -> None:
     """A line says so, once."""
-    talk = Talk(set_origin=True)
+    talk = Talk(gps=False)
     with caplog.at_level(logging.WARNING):
         talk.go_on(90, truth_hz=50)
     assert len(talk.tap.named("SET_GPS_GLOBAL_ORIGIN")) == ORIGIN_TRIES
@@ -235,7 +248,7 @@ def test_an_autopilot_that_never_answers_is_not_told_for_ever(caplog: pytest.Log
 
 def test_an_autopilot_that_was_started_anew_is_told_again() -> None:
     """It has forgotten: its heartbeats were away for longer than three seconds."""
-    talk = Talk(set_origin=True)
+    talk = Talk(gps=False)
     talk.go_on(4)
     talk.handshake.on_message(mavlink.MAVLink_gps_global_origin_message(1, 2, 3, 0), talk.now_s)
     before = len(talk.tap.named("SET_GPS_GLOBAL_ORIGIN"))
@@ -249,6 +262,14 @@ def test_with_gps_it_keeps_its_origin() -> None:
     talk = Talk()
     talk.go_on(10)
     assert talk.tap.named("SET_GPS_GLOBAL_ORIGIN") == []
+
+
+@pytest.mark.parametrize(("autopilot", "told"), [(12, False), (3, True)])
+def test_px4_that_is_fed_local_frd_is_told_no_origin(autopilot: int, told: bool) -> None:
+    """With both every landing flew to latitude 0, longitude 0; ArduPilot needs both."""
+    talk = Talk(gps=False, frame=LocalFrame.LOCAL_FRD)
+    talk.go_on(10, autopilot=autopilot)
+    assert bool(talk.tap.named("SET_GPS_GLOBAL_ORIGIN")) is told
 
 
 @pytest.mark.parametrize(("beats", "said"), [(False, "nothing received"), (True, "HIL_STATE_QUATERNION")])

@@ -22,7 +22,7 @@ from companion.sensors.drivers.stream import StreamDriver
 from companion.sensors.sink import SensorSink, Taken
 from sitl.launch.processes import free_tcp_port, free_udp_ports
 from sitl.scene.raycast import RayCaster
-from sitl.world.connection import TruthUrl
+from sitl.world.connection import PeerUrl
 from sitl.world.mavlink_out import Feed
 from sitl.world.odometry import OdometrySettings
 from sitl.world.placement import Scene
@@ -94,7 +94,7 @@ class Stage:
         (self.port,) = free_udp_ports(1)
         stream = f"tcp://127.0.0.1:{free_tcp_port()}"
         clock = MonotonicClock()
-        plan = Plan(TruthUrl("udp", "127.0.0.1", self.port), stream, **options)
+        plan = Plan(PeerUrl("udp", "127.0.0.1", self.port), stream, **options)
         self.said: list[str] = []
         self.world = WorldServer(scene, SETTINGS, 1, plan, clock, self.said.append)
         self.autopilot = FakeAutopilot()
@@ -168,6 +168,27 @@ async def test_what_the_vehicle_sees_is_what_stands_before_it(scene: Scene, tmp_
     assert len((tmp_path / "trajectory.csv").read_text().splitlines()) > 10
 
 
+async def test_odometry_that_has_an_address_of_its_own_goes_there_alone(scene: Scene, tmp_path: Path) -> None:
+    """Protects the gate's view of it: what also went to the autopilot directly would hide what the gate holds back."""
+    gate = FakeAutopilot()
+    there = ("127.0.0.1", free_udp_ports(1)[0])
+    options: dict[str, Any] = {"feed": Feed.ODOMETRY, "odometry_to": PeerUrl("udpout", *there, "--odometry-to")}
+    async with Stage(scene, **options, send_distance_sensor=True, gps=False, score=tmp_path / "score.json") as stage:
+        await until(lambda: stage.sink.take().depth is not None)
+        # The gate comes later than the world, which goes on.
+        transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(lambda: gate, local_addr=there)
+        await until(lambda: {"ODOMETRY", "HEARTBEAT"} <= gate.names())
+        wanted = {"HEARTBEAT", "DISTANCE_SENSOR", "SET_GPS_GLOBAL_ORIGIN"}
+        await until(lambda: wanted <= stage.autopilot.names())
+        stage.world.stop("done")
+    transport.close()
+    assert gate.names() == {"ODOMETRY", "HEARTBEAT"}
+    assert "ODOMETRY" not in stage.autopilot.names()
+    assert {m.type for m in gate.received if m.get_type() == "HEARTBEAT"} == {mavlink.MAV_TYPE_ONBOARD_CONTROLLER}
+    assert str(there[1]) in stage.said[0]
+    assert json.loads((tmp_path / "score.json").read_text())["odometry_sent"] > 10
+
+
 async def test_a_contact_ends_it_where_that_was_asked_for(scene: Scene, tmp_path: Path) -> None:
     """A test of a flight must not go on for minutes after the vehicle has hit the wall."""
     async with Stage(scene, stop_on_contact=True, score=tmp_path / "score.json") as stage:
@@ -215,6 +236,8 @@ def test_ports_that_are_taken_are_the_users_mistake(capsys: pytest.CaptureFixtur
             (["--truth", "14560"], "--truth"),
             (["--odometry", "odometry", "--truth-from", "local"], "--truth-from local"),
             (["--odometry", "odometry", "--odometry-hz", "100"], "--truth-hz"),
+            (["--odometry-to", "udpout://127.0.0.1:1"], "needs --odometry odometry"),
+            (["--odometry", "odometry", "--odometry-to", "udp://127.0.0.1:1"], "give udpout://HOST:PORT"),
             (["--world", "room", "--truth", f"udp://127.0.0.1:{port}", "--stream", "tcp://127.0.0.1:0"], str(port)),
         ):
             with pytest.raises(SystemExit) as ended:

@@ -9,7 +9,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.model import Beam, PlanarScan, Pose, RangeReading
-from sitl.world.mavlink_out import UNKNOWN_CM, Feed, Outgoing, bins_of_beams, bins_of_planar
+from sitl.world.mavlink_out import UNKNOWN_CM, Feed, LocalFrame, Outgoing, bins_of_beams, bins_of_planar
 from sitl.world.odometry import Align, Estimate, OdometrySettings
 from tests.sitl.world.messages import Tap, quaternion
 
@@ -24,9 +24,9 @@ AHEAD_LEFT_UP = Pose(
 by 0.2, right side down by 0.1, flying ahead and up and turning left."""
 
 
-def outgoing(feed: Feed, align: Align = Align.START) -> tuple[Outgoing, Tap]:
+def outgoing(feed: Feed) -> tuple[Outgoing, Tap]:
     tap = Tap()
-    return Outgoing(tap.sender, feed, OdometrySettings(align=align)), tap
+    return Outgoing(tap.sender, feed, OdometrySettings()), tap
 
 
 def reading(beam: Beam, range_m: float | None, max_range_m: float = 8.0) -> RangeReading:
@@ -59,17 +59,21 @@ def test_the_velocity_of_odometry_is_along_the_body() -> None:
 
 
 @pytest.mark.parametrize(
-    ("align", "ardupilot", "frame"),
+    ("asked", "ardupilot", "frame"),
     [
-        (Align.START, False, mavlink.MAV_FRAME_LOCAL_FRD),
-        (Align.START, True, mavlink.MAV_FRAME_LOCAL_FRD),
-        (Align.NORTH, False, mavlink.MAV_FRAME_LOCAL_NED),
-        (Align.NORTH, True, mavlink.MAV_FRAME_LOCAL_FRD),
+        (LocalFrame.LOCAL_NED, False, mavlink.MAV_FRAME_LOCAL_NED),
+        (LocalFrame.LOCAL_NED, True, mavlink.MAV_FRAME_LOCAL_FRD),
+        (LocalFrame.LOCAL_FRD, False, mavlink.MAV_FRAME_LOCAL_FRD),
+        (LocalFrame.LOCAL_FRD, True, mavlink.MAV_FRAME_LOCAL_FRD),
     ],
 )
-def test_the_frame_is_one_that_the_autopilot_takes(align: Align, ardupilot: bool, frame: int) -> None:
-    """PX4 takes LOCAL_NED and LOCAL_FRD and tells them apart; ArduPilot takes LOCAL_FRD alone."""
-    out, tap = outgoing(Feed.ODOMETRY, align)
+@pytest.mark.parametrize("align", list(Align))
+def test_the_frame_is_one_that_the_autopilot_takes(
+    asked: LocalFrame, ardupilot: bool, frame: int, align: Align
+) -> None:
+    """PX4 lands where it is with LOCAL_NED alone, whatever its heading; ArduPilot takes LOCAL_FRD alone."""
+    tap = Tap()
+    out = Outgoing(tap.sender, Feed.ODOMETRY, OdometrySettings(align=align), asked)
     out.odometry(Estimate(AHEAD_LEFT_UP, 0), ardupilot)
     assert tap.sent[0].frame_id == frame
 

@@ -1,0 +1,76 @@
+"""What the law means by speed zero: it stands, also where the vehicle would drift. Pure.
+
+The paper's vehicle stands when its speed is zero, also while it turns. A real one creeps on, by centimetres a second
+where its velocity estimate is a little wrong, by decimetres where its odometry drifts. Two things hold it: its own
+position, and the walls that it sees just now, which are true also when the position is not.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from companion.control.parameters import Parameters
+from companion.model import HIT, Pose, Scan, Setpoint
+from companion.station_keeping import StationKeeper
+
+NEARER_M = 0.05
+"""A wall that is only so much nearer than d_c is the noise of a sensor."""
+GAIN_PER_S = 1.0
+MOST_MPS = 0.2
+"""How fast it moves away from a wall that has come nearer; against a drift of this much it stands 0.25 m inside d_c."""
+BEHIND_RAD = math.radians(40.0)
+"""Half of the sector into which it would move, in which no wall may be nearer than d_c."""
+
+
+class Standing:
+    """Makes of a setpoint without speed one that stands.
+
+    Args:
+        parameters: the law's settings.
+    """
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._critical_m = parameters.critical_margin_m
+        self._station = StationKeeper()
+
+    def release(self) -> None:
+        """It flies, or something is missing by which to stand."""
+        self._station.release()
+
+    def of(self, setpoint: Setpoint, scan: Scan, pose: Pose) -> Setpoint:
+        """The same, led back to where it came to stand, or away from a wall that has come nearer than d_c."""
+        if setpoint.speed_mps != 0.0:
+            self.release()
+            return setpoint
+        away = self._away_mps(scan)
+        if away is not None:
+            # Where it stands then is where it is to stay.
+            self.release()
+            forward_mps, left_mps = away
+        else:
+            at_m, velocity_mps = (pose.x_m, pose.y_m, pose.z_m), (pose.vx_mps, pose.vy_mps, pose.vz_mps)
+            forward_mps, left_mps, _ = self._station.velocity(at_m, velocity_mps, pose.yaw_rad, setpoint.t_s)
+        return replace(setpoint, speed_mps=forward_mps, lateral_mps=left_mps)
+
+    def _away_mps(self, scan: Scan) -> tuple[float, float] | None:
+        """Forward and left, away from the nearest wall that is in view; None where none is near, or one is behind.
+
+        Remembered walls are where the position says, so they only stop it.
+        """
+        hit = scan.state == HIT
+        seen = hit & scan.fresh
+        if not seen.any():
+            return None
+        nearest = int(np.argmin(np.where(seen, scan.ranges_m, np.inf)))
+        missing_m = self._critical_m - float(scan.ranges_m[nearest])
+        if missing_m < NEARER_M:
+            return None
+        bearing_rad = float(scan.bearings_rad[nearest])
+        behind = np.cos(scan.bearings_rad - bearing_rad) < -math.cos(BEHIND_RAD)
+        if np.any(behind & hit & (scan.ranges_m < self._critical_m)):
+            return None
+        speed_mps = min(MOST_MPS, GAIN_PER_S * missing_m)
+        return -speed_mps * math.cos(bearing_rad), -speed_mps * math.sin(bearing_rad)

@@ -1,0 +1,32 @@
+"""What the application and the world of a flight are started with: the same addresses on both sides."""
+
+from __future__ import annotations
+
+import pytest
+
+from sitl.launch.processes import odometry_options, with_odometry
+
+STATION = {"url": "udpout://127.0.0.1:14550", "may": "command"}
+
+
+@pytest.mark.parametrize(("personality", "hz"), [("px4", "30"), ("ardupilot", "50")])
+def test_without_gps_the_world_feeds_odometry_as_the_autopilot_needs_it(personality: str, hz: str) -> None:
+    """Protects from an estimator that starves, or is flooded."""
+    options = odometry_options(personality)
+    assert options[options.index("--odometry-hz") + 1] == hz
+    assert "--odometry-to" not in options, "to the autopilot itself"
+
+
+def test_odometry_through_the_gate_arrives_where_the_gate_listens() -> None:
+    """Protects from odometry that freezes or ends and that the gate cannot notice, because it never hears it."""
+    (one,) = with_odometry({}, 14777)["safety"]["attached"]
+    assert one == {"url": "udpin://127.0.0.1:14777", "may": "odometry"}
+    options = odometry_options("px4", 14777)
+    assert options[options.index("--odometry-to") + 1] == one["url"].replace("udpin", "udpout")
+
+
+def test_who_is_attached_already_stays_attached() -> None:
+    """A list in an upper layer of the settings takes the place of a lower one: nobody may be lost by that."""
+    safety = with_odometry({"safety": {"attached": [STATION], "restarts": 1}}, 14777)["safety"]
+    assert [one["may"] for one in safety["attached"]] == ["command", "odometry"]
+    assert safety["restarts"] == 1
