@@ -31,6 +31,9 @@ LIFTED_M = 0.2
 RISING_M = 0.05
 STALLED_S = 2.0
 """PX4 ends its take-off below the height and then creeps; when it rises less than `RISING_M` in this time we go on."""
+LEAD_M = 0.4
+"""PX4's take-off is taken over so far below the height: it counts from an altitude that may have drifted since the
+boot, and rose to 2.65 m instead of 1.5 m, into a roof. ArduPilot's ends by itself; it is taken over when too high."""
 BLIND_RISE_M = 0.5
 """Near the ground the beam may see nothing yet: so far the climb may go on by the autopilot's own estimate."""
 TAKE_OFF_HEIGHT = "MIS_TAKEOFF_ALT"
@@ -66,6 +69,7 @@ class TakeOff:
         self._ramp = Ramp(self._law.max_accel_mps2, POLL_S)
         self._gps = settings.autopilot.gps
         self._timeout_s = settings.mission.take_off_timeout_s
+        self._takes_over_m = -LEAD_M if link.kind is AutopilotKind.PX4 else NEAR_M
         self._measured_m = measured_m
         self._risen_m = risen_m
 
@@ -129,6 +133,9 @@ class TakeOff:
                 return
             if self._offboard.engaged:
                 self._offboard.send(self._ramp.limit(Setpoint(now_s, 0.0, self._climb_mps(height_m, now_m), 0.0)))
+            elif now_m is not None and now_m > height_m + self._takes_over_m:
+                _log.info("taking over the autopilot's take-off at %.2f m", now_m)
+                await self._offboard.engage()
             elif near_s is None and highest_m > ground_m + LIFTED_M and now_s - highest_s > STALLED_S:
                 _log.info("the autopilot's take-off ended at %.2f m: climbing on by setpoints", highest_m)
                 await self._offboard.engage()

@@ -46,6 +46,7 @@ class ScriptedAutopilot:
     """Answers commands, flies up and down, and tells once a second what it is up to.
 
     Attributes:
+        highest_m: that it has flown.
         lifts: whether it takes off at all.
         ends_take_off_at: share of the height asked for at which PX4's take-off turns into hold and creeps no further.
         hold_allowed: whether it can hold.
@@ -61,7 +62,7 @@ class ScriptedAutopilot:
         self.px4 = link.kind is AutopilotKind.PX4
         self.mode = PX4_HOLD if self.px4 else BRAKE
         self.armed = False
-        self.height_m = 0.0
+        self.height_m = self.highest_m = 0.0
         self.lifts = True
         self.ends_take_off_at = 1.0
         self.hold_allowed = True
@@ -142,6 +143,7 @@ class ScriptedAutopilot:
             self.height_m = min(self.height_m + 0.4 * dt_s, self._target_m)
             if self.mode == PX4_TAKEOFF and self.height_m == self._target_m:
                 self.mode = PX4_HOLD
+        self.highest_m = max(self.highest_m, self.height_m)
         if self.height_m == 0.0 and now_s - self._armed_s > IDLE_S:
             self.armed = False
 

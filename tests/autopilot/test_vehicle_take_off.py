@@ -44,6 +44,16 @@ async def test_hold_is_not_height_reached() -> None:
         assert one.vehicle._offboard.engaged
 
 
+async def test_a_take_off_of_px4_that_goes_too_high_ends_at_the_measured_height() -> None:
+    """Protects from the roof: PX4 counts from an altitude that drifts with GPS, and rose to 2.65 m instead of 1.5 m."""
+    one = Flight(PX4)
+    one.autopilot.ends_take_off_at = 1.8
+    async with one.vehicle:
+        await one.up()
+        assert one.vehicle._offboard.engaged
+        assert one.autopilot.highest_m <= H_M + 0.2
+
+
 async def test_no_setpoint_goes_out_before_ardupilot_flies() -> None:
     """Velocity setpoints before the take-off suppress it; brake is not armable, so guided comes first."""
     one = Flight(ARDUPILOT)

@@ -24,7 +24,7 @@ from validation.real.station import Station
 COMPANION = (1, 191)
 HEIGHT_M, SPEED_MPS, CRUISE_S = 1.5, 0.5, 4.0
 READY_S, ARM_EVERY_S = 90.0, 1.0
-LISTEN_S, SAID_S = 4.0, 1.5
+LISTEN_S, SAID_S, HEARD_S = 4.0, 1.5, 1.5
 STREAM_S = 1.0
 """PX4 takes the mode when setpoints have been coming."""
 UNKNOWN_MESSAGE, UNKNOWN_COMMAND, UNKNOWN_MODE = 60_000, 31_999, 99
@@ -102,6 +102,8 @@ class Interview:
     # --- at the boot ---------------------------------------------------------------------------------------------
 
     def _boot(self) -> None:
+        # PX4 tells its reasons only to whom it has heard as a ground station, whose heartbeat comes once a second.
+        time.sleep(HEARD_S)
         before = len(self._ground.texts)
         self._answer("arming refused: results", lambda: self._ask(m.MAV_CMD_COMPONENT_ARM_DISARM, 1.0))
         time.sleep(SAID_S)
