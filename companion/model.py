@@ -15,6 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.sides import NOTHING_AROUND, Sides
+
 FloatArray = NDArray[np.float64]
 """One-dimensional unless a docstring says otherwise."""
 
@@ -223,6 +225,7 @@ class Measurement:
         ranges_age_s: age of the newest reading of the beam that has been silent longest, of those that the vehicle
             counts on; infinite when one has never reported.
         missing: the inputs that are absent or stale; empty when the vehicle may fly.
+        sides: what the sensors see near the body just now, nothing remembered, and whether it comes nearer by that.
     """
 
     t_s: float
@@ -238,13 +241,15 @@ class Measurement:
     ahead_m: float
     ranges_age_s: float
     missing: tuple[Input, ...] = ()
+    sides: Sides = NOTHING_AROUND
 
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
     """What the vehicle is asked to do, in the body frame: forward, up, turning counter-clockwise, and to the left.
 
-    The laws steer by speed and turn alone; to the left, and backward, goes only what is to stand and has crept away.
+    The laws steer by speed and turn alone. To the left, and backward, goes only what is to stand and has crept away, or
+    what has come too near to a wall.
     """
 
     t_s: float

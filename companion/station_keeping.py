@@ -19,7 +19,8 @@ MOST_MPS = 0.1
 STANDS_MPS = 0.1
 """Below this it has come to stand: where it is then is where it is to stay."""
 PATIENCE_S = 2.0
-"""A velocity estimate that never gets below that does not tell; after this long the place is taken as it is."""
+"""Zero velocity has brought both autopilots to stand by then; an estimate of the velocity that never gets below that
+does not tell. After this long the place is taken as it is, and what still moves has to be held another way."""
 
 Vector = tuple[float, float, float]
 

@@ -22,13 +22,11 @@ from companion.config.settings import Settings
 from companion.control.ramp import Ramp
 from companion.errors import CompanionError
 from companion.model import Setpoint
-from companion.station_keeping import STANDS_MPS
+from companion.station_keeping import PATIENCE_S, STANDS_MPS
 
 LAND_S = 60.0
 LAND_MPS = 0.3
 """Downward, where we land by setpoints: slow enough to touch down with."""
-STAND_PATIENCE_S = 2.0
-"""Zero velocity has brought both autopilots to stand by then."""
 LEAVE_S = 8.0
 """The end of the block may take this long: two modes to ask for, each shown by a heartbeat."""
 LEAVE_COMMAND_S = 2.0
@@ -222,7 +220,7 @@ class Vehicle:
 
     async def _until_it_stands(self) -> None:
         begun_s = self._clock.now_s()
-        while self._clock.now_s() - begun_s < STAND_PATIENCE_S:
+        while self._clock.now_s() - begun_s < PATIENCE_S:
             pose = self._telemetry.poses.newest()
             if pose is not None and math.hypot(pose.vx_mps, pose.vy_mps) < STANDS_MPS:
                 return

@@ -89,11 +89,11 @@ class StaleSettings(Section):
         description="no completed tick of the application for this long, in s; null: as for setpoint_s",
     )
     depth_s: float = Field(
-        0.6,
+        0.5,
         ge=0.05,
         le=5.0,
-        description="age of the last look ahead, in s: two lost frames of a camera with 5 Hz; beyond it a wall may "
-        "have come into view unseen",
+        description="age of the last look ahead, in s: of a camera with 5 Hz one frame may be lost, not two; beyond it "
+        "a wall may have come into view unseen",
     )
     ranges_s: float = Field(
         0.4,
@@ -282,11 +282,11 @@ class SafetySettings(Section):
         "tilting; with control.governor.brake_mps2 it covers what PX4 was measured to need",
     )
     creep_m: float = Field(
-        0.12,
+        0.15,
         ge=0.0,
         le=2.0,
         description="how far it goes on after it has braked until its place is kept, in m: PX4 was measured to creep "
-        "at 0.06 m/s, and a place is kept after 2 s at most",
+        "at 0.06 m/s, a place is kept after 2 s at most, and its position is wrong by some centimetres",
     )
     attached: tuple[AttachedSettings, ...] = Field(
         (),

@@ -114,7 +114,7 @@ class Navigator:
             self._leave_boundary(measurement, scan, pose, t_s)
         speed = self._speed_mps(measurement, scan, pose)
         wanted = Setpoint(t_s, speed, climb, self._yaw_rate_radps(measurement, pose))
-        return self._ramp.limit(self._standing.of(wanted, scan, pose))
+        return self._ramp.limit(self._standing.of(wanted, scan, measurement.sides, pose))
 
     # The laws.
 

@@ -53,7 +53,7 @@ class Parameters:
     margin_m: Annotated[float, Ge(0.3), Le(10.0), doc("safety margin to walls, in m (d_s)")] = 1.0
     critical_margin_m: Annotated[
         float, Ge(0.1), Le(10.0), doc("below this distance in front or beside, stop and turn, in m (d_c)")
-    ] = 0.7
+    ] = 0.8
     vertical_margin_m: Annotated[
         float, Ge(0.2), Le(10.0), doc("least distance to the roof, and between the layers of several vehicles, in m")
     ] = 0.6

@@ -1,8 +1,9 @@
-"""What the law means by speed zero: it stands, also where the vehicle would drift. Pure.
+"""What the law does against drift: speed zero stands, and what comes too near is moved away from. Pure.
 
-The paper's vehicle stands when its speed is zero, also while it turns. A real one creeps on, by centimetres a second
-where its velocity estimate is a little wrong, by decimetres where its odometry drifts. Two things hold it: its own
-position, and the walls that it sees just now, which are true also when the position is not.
+The paper's vehicle stands when its speed is zero, also while it turns, and flies where it points. A real one creeps on,
+by centimetres a second where its velocity estimate is a little wrong, by decimetres where its odometry drifts or its
+GPS errs. Two things hold it: its own position, and the walls that it sees just now, which are true also when the
+position is not.
 """
 
 from __future__ import annotations
@@ -14,13 +15,14 @@ import numpy as np
 
 from companion.control.parameters import Parameters
 from companion.model import HIT, Pose, Scan, Setpoint
+from companion.sides import AWAY_PER_S, Sides, away_mps
 from companion.station_keeping import StationKeeper
 
 NEARER_M = 0.05
 """A wall that is only so much nearer than d_c is the noise of a sensor."""
-GAIN_PER_S = 1.0
-MOST_MPS = 0.2
-"""How fast it moves away from a wall that has come nearer; against a drift of this much it stands 0.25 m inside d_c."""
+AWAY_MPS = 0.4
+"""How fast it moves away from a wall that has come nearer, at most: SIH with GPS was carried sideways so fast. Against
+a drift of 0.2 m/s it stands 0.1 m inside d_c."""
 BEHIND_RAD = math.radians(40.0)
 """Half of the sector into which it would move, in which no wall may be nearer than d_c."""
 
@@ -34,18 +36,31 @@ class Standing:
 
     def __init__(self, parameters: Parameters) -> None:
         self._critical_m = parameters.critical_margin_m
+        self._speed_mps = parameters.speed_mps
+        self._most_mps = min(AWAY_MPS, parameters.speed_mps)
         self._station = StationKeeper()
 
     def release(self) -> None:
         """It flies, or something is missing by which to stand."""
         self._station.release()
 
-    def of(self, setpoint: Setpoint, scan: Scan, pose: Pose) -> Setpoint:
-        """The same, led back to where it came to stand, or away from a wall that has come nearer than d_c."""
+    def of(self, setpoint: Setpoint, scan: Scan, sides: Sides, pose: Pose) -> Setpoint:
+        """The same, led back to where it came to stand, or away from a wall that has come nearer than d_c.
+
+        In flight only to the side: ahead is the governor's, and the speed that it gives is shared with the way aside.
+        """
         if setpoint.speed_mps != 0.0:
             self.release()
-            return setpoint
+            _, left_mps = away_mps(sides, self._critical_m, self._most_mps)
+            return replace(
+                setpoint,
+                speed_mps=min(setpoint.speed_mps, math.sqrt(self._speed_mps**2 - left_mps**2)),
+                lateral_mps=left_mps,
+            )
         away = self._away_mps(scan)
+        if away is None:
+            away = away_mps(sides, self._critical_m - NEARER_M, self._most_mps)
+            away = away if any(away) else None
         if away is not None:
             # Where it stands then is where it is to stay.
             self.release()
@@ -72,5 +87,5 @@ class Standing:
         behind = np.cos(scan.bearings_rad - bearing_rad) < -math.cos(BEHIND_RAD)
         if np.any(behind & hit & (scan.ranges_m < self._critical_m)):
             return None
-        speed_mps = min(MOST_MPS, GAIN_PER_S * missing_m)
+        speed_mps = min(self._most_mps, AWAY_PER_S * missing_m)
         return -speed_mps * math.cos(bearing_rad), -speed_mps * math.sin(bearing_rad)

@@ -15,6 +15,7 @@ from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.gate.faults import Stage
 from companion.gate.protocol import Beat, Notice, Phase
 from companion.model import Measurement, Pose
+from companion.sides import NOTHING_AROUND
 
 LOOK_S = 0.1
 """How often it is looked whether the gate has said something."""
@@ -93,6 +94,7 @@ class GateClient:
                 ahead_m=math.nan if measurement is None else measurement.ahead_m,
                 map_age_s=_age(self._map_age_s()),
                 phase=self.phase,
+                sides=NOTHING_AROUND if measurement is None else measurement.sides,
             )
         )
 

@@ -12,20 +12,19 @@ from companion.gate.plan import Plan
 from companion.gate.protocol import Phase
 from companion.gate.vehicle import Vehicle
 from companion.mavlink.ids import MavCmd, MavComponent
-from companion.station_keeping import STANDS_MPS, StationKeeper
+from companion.sides import away_mps
+from companion.station_keeping import PATIENCE_S, STANDS_MPS, StationKeeper
 
 ASK_AGAIN_S = 0.5
 """A command may be lost; to ask for a mode twice does no harm."""
 HOLD_PATIENCE_S = 2.5
 """A hold that does not show for this long is not to be had: PX4 has none without a global origin. It lands then."""
-STAND_PATIENCE_S = 2.0
-"""Zero velocity has brought both autopilots to stand by then; what still moves has to be held another way."""
 LAND_MPS = 0.3
 """Downward, where the gate lands by setpoints: slow enough to touch down with."""
 
-BACK_PER_S, BACK_MPS = 2.0, 0.25
-"""How fast it backs away from a wall that has come too near, by the distance that is missing, and at most; an odometry
-that drifts by 0.2 m/s leaves it a tenth of a metre nearer."""
+AWAY_MPS = 0.5
+"""How fast it moves away from a wall that has come too near, at most: a vehicle with a bad GPS was carried sideways at
+0.4 m/s while it believed to stand."""
 
 PLACELESS = frozenset(
     {
@@ -112,25 +111,28 @@ class FailsafeActions:
             return []
         self._stop_s = now_s
         forward_mps, right_mps, kept_mps = self._back_to_the_place(now_s)
-        if (back_mps := self._away_from_the_wall(now_s)) > 0.0:
+        away_forward_mps, away_right_mps = self._away_from_the_walls(now_s)
+        if away_forward_mps or away_right_mps:
             # By its own position it may stand, and the wall comes nearer all the same: what is seen is true.
             self._station.release()
-            forward_mps, right_mps = -back_mps, 0.0
+            forward_mps, right_mps = away_forward_mps, away_right_mps
         self._monitor.obedience.on_setpoint(forward_mps, right_mps, now_s)
         down_mps = kept_mps if down_mps is None else down_mps
         return [self._outgoing.velocity(forward_mps, right_mps, down_mps, now_s)]
 
-    def _away_from_the_wall(self, now_s: float) -> float:
-        """How fast to go backward: a wall that is seen ahead is nearer than the hard limit and what is crept."""
+    def _away_from_the_walls(self, now_s: float) -> tuple[float, float]:
+        """Forward and right: away from what is seen nearer than the hard limit and what is crept; zero when nothing."""
         beat, limit = self._monitor.beat, self._plan.thresholds
-        since_s = self._monitor.beat_age_s(now_s)
         # Near the ground, before and after, what is seen ahead is the ground.
-        if beat is None or beat.phase is not Phase.EXPLORING:
-            return 0.0
-        if since_s > limit.beat_s or beat.depth_age_s + since_s > limit.depth_s:
-            return 0.0
-        missing_m = limit.hard_limit_m + self._plan.stopping.creep_m - beat.ahead_m
-        return min(BACK_MPS, BACK_PER_S * missing_m) if missing_m > 0.0 else 0.0
+        if beat is None or beat.phase is not Phase.EXPLORING or self._monitor.beat_age_s(now_s) > limit.beat_s:
+            return 0.0, 0.0
+        keep_m = limit.hard_limit_m + self._plan.stopping.creep_m
+        forward_mps, left_mps = away_mps(beat.sides, keep_m, min(AWAY_MPS, self._plan.limits.speed_mps))
+        looked_s = beat.depth_age_s + self._monitor.beat_age_s(now_s)
+        if forward_mps > 0.0 and not (beat.ahead_m > keep_m and looked_s <= limit.depth_s):
+            # Nobody looks ahead: nothing near is seen there, and nothing is known to be free.
+            forward_mps = 0.0
+        return forward_mps, -left_mps
 
     def _back_to_the_place(self, now_s: float) -> tuple[float, float, float]:
         """Forward, right, down: what keeps it where it came to stand; zero where nobody knows where that is."""
@@ -171,7 +173,7 @@ class FailsafeActions:
         """Whether it still moves, and setpoints are stopping it."""
         stopping_s = now_s - (self._stopping_since_s or now_s)
         flown = self._vehicle.motion.forward_right_mps()
-        if not self._vehicle.steered or flown is None or stopping_s > STAND_PATIENCE_S:
+        if not self._vehicle.steered or flown is None or stopping_s > PATIENCE_S:
             return False
         doubtful = bool(self._escalation.counting & UNSTOPPABLE)
         fresh = now_s - self._vehicle.motion.fresh_s <= self._plan.thresholds.pose_s

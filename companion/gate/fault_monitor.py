@@ -18,6 +18,8 @@ CLOSING_MPS = 0.1
 """Slower than this nothing closes: an estimate of the speed is no better."""
 FUTURE_S = 0.05
 """A beat from further ahead is none: all processes of a computer have one clock."""
+WHERE = ("ahead", "on the left", "behind", "on the right")
+"""The sides of `companion.sides.Sides`."""
 STEERED = (Phase.CLIMBING, Phase.EXPLORING)
 
 
@@ -165,27 +167,42 @@ class FaultMonitor:
         offboard = self._vehicle.personality.offboard in self._vehicle.asked_modes
         if offboard and now_s - asked_s > limit.setpoint_s:
             found[Fault.SETPOINT_LATE] = _seconds(now_s - asked_s)
-        left_m = beat.ahead_m - self._stop_m(now_s, since_s)
-        if self._speed_mps(now_s) > CLOSING_MPS and left_m < limit.hard_limit_m:
-            found[Fault.DISTANCE] = f"{beat.ahead_m:.2f} m ahead"
+        if (too_near := self._too_near(beat, now_s, since_s)) is not None:
+            found[Fault.DISTANCE] = too_near
         return found
 
-    def _speed_mps(self, now_s: float) -> float:
-        """Ahead, flown or asked for, whichever is more; what is asked for beyond the limit does not pass.
+    def _too_near(self, beat: Beat, now_s: float, since_s: float) -> str | None:
+        """What comes nearer on any side and would be nearer than the hard limit after a stop; None: nothing."""
+        ahead_m = min(beat.sides.front.distance_m, math.inf if math.isnan(beat.ahead_m) else beat.ahead_m)
+        distances_m = (ahead_m, *(side.distance_m for side in beat.sides[1:]))
+        for where, distance_m, side, speed_mps in zip(
+            WHERE, distances_m, beat.sides, self._towards_mps(now_s), strict=True
+        ):
+            # What the sensors see come nearer does so, whatever the autopilot says of its speed.
+            closing_mps = max(speed_mps, side.closing_mps)
+            stop_m = self._plan.stopping.distance_m(max(0.0, closing_mps), since_s + 2.0 * self._plan.period_s)
+            if closing_mps > CLOSING_MPS and distance_m - stop_m < self._plan.thresholds.hard_limit_m:
+                return f"{distance_m:.2f} m {where}"
+        return None
+
+    def _towards_mps(self, now_s: float) -> tuple[float, float, float, float]:
+        """To each side, flown or asked for, whichever is more; what is asked for beyond the limit does not pass.
 
         What was asked for by an application that has fallen silent is asked for no more: the vehicle was stopped.
         """
         flown = self._vehicle.motion.forward_right_mps()
-        asked_mps = 0.0 if self.asked is None else min(self.asked.vx_mps, self._plan.limits.speed_mps)
-        if flown is None:
-            return asked_mps
-        lasts = self.asked is not None and now_s - self.asked.t_s <= self._plan.thresholds.setpoint_s
-        return max(flown[0], asked_mps) if lasts else flown[0]
-
-    def _stop_m(self, now_s: float, since_s: float) -> float:
-        """How far it goes on when it is stopped now, from where the beat has measured."""
-        speed_mps = max(0.0, self._speed_mps(now_s))
-        return self._plan.stopping.distance_m(speed_mps, since_s + 2.0 * self._plan.period_s)
+        asked, most_mps = self.asked, self._plan.limits.speed_mps
+        lasts = asked is not None and (flown is None or now_s - asked.t_s <= self._plan.thresholds.setpoint_s)
+        forward_mps, right_mps = (0.0, 0.0) if flown is None else flown
+        if asked is None or not lasts:
+            return forward_mps, -right_mps, -forward_mps, right_mps
+        vx_mps, vy_mps = (max(-most_mps, min(most_mps, one)) for one in (asked.vx_mps, asked.vy_mps))
+        return (
+            max(forward_mps, vx_mps),
+            max(-right_mps, -vy_mps),
+            max(-forward_mps, -vx_mps),
+            max(right_mps, vy_mps),
+        )
 
 
 def _seconds(age_s: float) -> str:

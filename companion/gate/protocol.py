@@ -11,12 +11,14 @@ setpoints alone proves only that a thread is alive. A notice says what the gate 
 from __future__ import annotations
 
 import enum
+import itertools
 import math
 import struct
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 from companion.gate.faults import Fault, Stage
 from companion.mavlink.codec import MAVLINK_1, MAVLINK_2
+from companion.sides import NOTHING_AROUND, Side, Sides
 
 GATE_FD = "COMPANION_GATE_FD"
 """Environment variable: number of the inherited file descriptor."""
@@ -24,7 +26,7 @@ PACKET_BYTES = 2048
 """No packet is larger."""
 
 _BEAT, _GOODBYE, _NOTICE = b"beat", b"bye!", b"note"
-_BEAT_FORMAT = struct.Struct("<4sB6d")
+_BEAT_FORMAT = struct.Struct("<4sB14d")
 _GOODBYE_FORMAT = struct.Struct("<4sB")
 _NOTICE_FORMAT = struct.Struct("<4sBB")
 _NO_FAULT = 0xFF
@@ -60,6 +62,7 @@ class Beat:
             anything sees; NaN: not known.
         map_age_s: since the process of the map was last heard.
         phase: what the application is doing.
+        sides: what is seen near the body, by the application's sensors alone.
     """
 
     t_s: float
@@ -69,11 +72,12 @@ class Beat:
     ahead_m: float
     map_age_s: float
     phase: Phase
+    sides: Sides = NOTHING_AROUND
 
     def packed(self) -> bytes:
         """For the socket."""
-        *numbers, phase = astuple(self)
-        return _BEAT_FORMAT.pack(_BEAT, phase, *numbers)
+        numbers = (self.t_s, self.depth_age_s, self.ranges_age_s, self.pose_age_s, self.ahead_m, self.map_age_s)
+        return _BEAT_FORMAT.pack(_BEAT, self.phase, *numbers, *itertools.chain(*self.sides))
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,9 +133,13 @@ def unpacked(data: bytes) -> Beat | Goodbye | None:
         return Goodbye(data[-1])
     if len(data) != _BEAT_FORMAT.size or not data.startswith(_BEAT):
         return None
-    _, phase, t_s, depth_s, ranges_s, pose_s, ahead_m, map_s = _BEAT_FORMAT.unpack(data)
+    _, phase, t_s, depth_s, ranges_s, pose_s, ahead_m, map_s, *beside = _BEAT_FORMAT.unpack(data)
+    sides = tuple(map(Side, beside[::2], beside[1::2]))
     # An age below zero is a stamp from the future: it says nothing of how old the thing is.
     ages = (depth_s, ranges_s, pose_s, map_s)
     if phase not in tuple(Phase) or not math.isfinite(t_s) or not all(age >= 0.0 for age in ages) or ahead_m < 0.0:
         return None
-    return Beat(t_s, depth_s, ranges_s, pose_s, ahead_m, map_s, Phase(phase))
+    # A distance that is none would pass for nothing near, and no comparison finds a speed that is none.
+    if not all(side.distance_m >= 0.0 and math.isfinite(side.closing_mps) for side in sides):
+        return None
+    return Beat(t_s, depth_s, ranges_s, pose_s, ahead_m, map_s, Phase(phase), Sides(*sides))

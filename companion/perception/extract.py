@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +24,12 @@ from companion.model import (
     Pose,
     Scan,
 )
+from companion.perception.approach import Approach, nearest_of
 from companion.perception.depth import Slab, look_ahead
 from companion.perception.look import Look, bin_bearings, planar_look
 from companion.perception.rangefinders import Beams
 from companion.perception.scan_memory import ScanMemory
+from companion.sides import NOTHING_AROUND, Sides
 
 POSE_STALE_S = 0.3
 """A pose older than this is missing: at 0.5 m/s the vehicle is 15 cm from where it says."""
@@ -65,6 +67,7 @@ class Extractor:
         self._ground_slope: float | None = None
         self._around: Look | None = None
         self._beams = Beams(settings.beams)
+        self._approaches = {side: [Approach(towards_rad) for _ in range(3)] for side, towards_rad in _SIDEWAYS.items()}
 
     def measure(self, observation: Observation) -> Measurement:
         """The measurement at ``observation.t_s``, from this observation and the memory of the earlier ones."""
@@ -79,9 +82,11 @@ class Extractor:
                     observation.frame, h_then_m, self._slab, self._settings.scan.bins
                 )
                 self._remember(self._ahead)
+                self._approach(self._ahead, 0, (Beam.FRONT,))
         if observation.planar is not None and observation.planar.pose.is_finite:
             self._around = planar_look(observation.planar, self._settings.scan.bins)
             self._remember(self._around)
+            self._approach(self._around, 1, _SIDEWAYS)
         known = [look for look in (self._ahead, self._around) if look is not None and look.t_s <= t_s]
         looks = [look for look in known if t_s - look.t_s <= self._settings.scan.stale_after_s]
         missing = self._missing(pose, t_s, h_m, looks)
@@ -101,6 +106,7 @@ class Extractor:
             ahead_m=ahead_m(scan, self._half_width_m) if scan else math.nan,
             ranges_age_s=self._beams.oldest_age_s(t_s),
             missing=missing,
+            sides=self._sides(pose, t_s),
         )
 
     def _missing(self, pose: Pose, t_s: float, h_m: float | None, looks: Sequence[Look]) -> tuple[Input, ...]:
@@ -110,6 +116,27 @@ class Extractor:
             Input.POSE: not 0.0 <= t_s - pose.t_s <= POSE_STALE_S or not pose.is_finite,
         }
         return tuple(which for which, lacking in lacks.items() if lacking)
+
+    def _approach(self, look: Look, sensor: int, sides: Iterable[Beam]) -> None:
+        """Note how far a look saw on those sides of the body."""
+        for side in sides:
+            distance_m = _beside_m(self._bearings_rad, look.ranges_m, look.state, _SIDEWAYS[side], self._half_width_m)
+            self._approaches[side][sensor].see(look.t_s, distance_m, (look.x_m, look.y_m), look.yaw_rad)
+
+    def _sides(self, pose: Pose, t_s: float) -> Sides:
+        if not pose.is_finite:
+            return NOTHING_AROUND
+        for side, (*_, approach) in self._approaches.items():
+            if (known := self._beams.fresh(side, t_s)) is not None:
+                reading, read_at = known
+                range_m = self._beams.level_m(side, pose, t_s)
+                at_m = (read_at.x_m, read_at.y_m)
+                approach.see(reading.t_s, math.inf if range_m is None else range_m, at_m, read_at.yaw_rad)
+        front, left, back, right = (
+            nearest_of(self._approaches[side], t_s, -_closing(pose, towards_rad))
+            for side, towards_rad in _SIDEWAYS.items()
+        )
+        return Sides(front, left, back, right)
 
     def _remember(self, look: Look) -> None:
         hits = (look.state == HIT) & (look.ranges_m <= self._settings.scan.memory_look_m)
@@ -198,6 +225,19 @@ def _nearest_of(
             count += 1
     middle = bearings[nearest] + total / count
     return ranges[nearest], (middle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+@compiled
+def _beside_m(
+    bearings: FloatArray, ranges: FloatArray, state: NDArray[np.uint8], towards_rad: float, half_width_m: float
+) -> float:
+    """Least distance in a direction, within the body's width; infinite where nothing is seen."""
+    least = np.inf
+    for i in range(bearings.size):
+        along = np.cos(bearings[i] - towards_rad)
+        if state[i] == HIT and along > 0.0 and abs(ranges[i] * np.sin(bearings[i] - towards_rad)) < half_width_m:
+            least = min(least, ranges[i] * along)
+    return least
 
 
 def _closing(pose: Pose, bearing_rad: float) -> float:

@@ -19,16 +19,14 @@ from typing import NamedTuple
 
 from companion.gate.faults import Fault, Stage
 from companion.gate.plan import CYCLE_S, Plan
-from companion.mavlink.firmware import MEASURED_BRAKE_MPS2
 
 SILENCE_EXTRA_S = 0.12
 """PX4 acted 0.03 to 0.12 s after its COM_OF_LOSS_T; ArduCopter no later than that after its GUID_TIMEOUT."""
-FAILSAFE_BRAKE_MPS2 = MEASURED_BRAKE_MPS2
-"""How the autopilots stop by themselves when setpoints stop, whichever it is."""
-MODE_BRAKE_MPS2, MODE_CREEP_M = 0.38, 0.21
-"""How they stop when they are ordered to hold or to land: PX4 from 0.4 m/s stood after 0.27 m and went on to 0.48 m."""
+MODE_BRAKE_MPS2, MODE_CREEP_M = 0.38, 0.25
+"""How they stop, and how far they wander then, in a mode of their own, whether it was ordered or is their failsafe:
+PX4's hold from 0.4 m/s stood after 0.27 m and went on to 0.48 m; 0.67 s of silence and it had gone 0.70 m from 0.39."""
 
-DRIFT_MPS = 0.2
+DRIFT_MPS = 0.17
 """How fast the place drifts that nothing measures any more: ArduCopter was measured to drift at 0.1 to 0.17 m/s."""
 
 LAW_FLIES = frozenset({Fault.HEARTBEAT_LOST, Fault.FENCE, Fault.BATTERY, Fault.GROUND_STOP, Fault.MAP, Fault.FLOOD})
@@ -211,7 +209,7 @@ def _cases(plan: Plan, basis: Basis) -> Iterator[Case]:
     reaction_s = CYCLE_S + plan.period_s
     # A vehicle that brakes worse than the autopilots were measured to does so in their failsafe too.
     stop = plan.stopping
-    failsafe_mps2 = min(FAILSAFE_BRAKE_MPS2, stop.brake_mps2)
+    mode_mps2, mode_creep_m = min(MODE_BRAKE_MPS2, stop.brake_mps2), max(MODE_CREEP_M, stop.creep_m)
     noticed = {
         Fault.SETPOINT_LATE: Noticed(limit.setpoint_s + limit.pose_s, (stale + "setpoint_s", stale + "pose_s")),
         # Never sent on; what went before it is a period old at most.
@@ -234,7 +232,10 @@ def _cases(plan: Plan, basis: Basis) -> Iterator[Case]:
         Fault.APPLICATION: Noticed(plan.period_s + limit.pose_s, (stale + "pose_s",)),
     } | dict.fromkeys(LAW_FLIES, Noticed(0.0))
     for fault in (fault for fault in Fault if fault is not Fault.NOT_OBEYED):
-        first, found = plan.reactions[fault].first, noticed[fault]
+        reaction, found = plan.reactions[fault], noticed[fault]
+        first = reaction.first
+        # Where the gate brakes it keeps the place; a mode of the autopilot that comes later takes another.
+        ends_in_mode = first >= Stage.HOLD or reaction.hold_after_s is not None or reaction.land_after_s is not None
         yield Case(
             fault=fault.value,
             keys=found.keys,
@@ -242,9 +243,8 @@ def _cases(plan: Plan, basis: Basis) -> Iterator[Case]:
             reaction_s=reaction_s,
             autopilot_s=stop.delay_s,
             # To hold and to land the autopilot brakes in its own way.
-            brake_mps2=min(stop.brake_mps2, MODE_BRAKE_MPS2) if first >= Stage.HOLD else stop.brake_mps2,
-            creep_m=(max(stop.creep_m, MODE_CREEP_M) if first >= Stage.HOLD else stop.creep_m)
-            + DRIFT_MPS * found.drifts_s,
+            brake_mps2=mode_mps2 if first >= Stage.HOLD else stop.brake_mps2,
+            creep_m=(mode_creep_m if ends_in_mode else stop.creep_m) + DRIFT_MPS * found.drifts_s,
             stops=first is not Stage.PASS,
         )
     for name in ("gate killed", "computer dead", "link cut"):
@@ -254,7 +254,7 @@ def _cases(plan: Plan, basis: Basis) -> Iterator[Case]:
             detection_s=plan.silence_s + SILENCE_EXTRA_S + basis.pose_fresh_s,
             reaction_s=0.0,
             autopilot_s=0.0,
-            brake_mps2=failsafe_mps2,
-            creep_m=stop.creep_m,
+            brake_mps2=mode_mps2,
+            creep_m=mode_creep_m,
             stops=True,
         )

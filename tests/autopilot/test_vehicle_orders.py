@@ -8,11 +8,11 @@ import pytest
 
 from companion.autopilot.interface import LinkError
 from companion.autopilot.mode_control import TOLD_WITHIN_S, UNHEARD_S
-from companion.autopilot.vehicle import STAND_PATIENCE_S, TakenOver, Vehicle
+from companion.autopilot.vehicle import TakenOver, Vehicle
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavState
 from companion.model import Setpoint
-from companion.station_keeping import STANDS_MPS
+from companion.station_keeping import PATIENCE_S, STANDS_MPS
 from tests.autopilot import scripted
 from tests.autopilot.scripted import ARDUPILOT, KINDS, PX4, Flight, flying
 
@@ -173,7 +173,7 @@ async def test_a_vehicle_that_never_stands_holds_all_the_same(moves: bool) -> No
         asked_s: list[float] = []
         one.link.on_command = lambda *_: asked_s.append(one.clock.now_s())
         await one.vehicle.hold()
-        assert asked_s[0] - begun_s == pytest.approx(STAND_PATIENCE_S, abs=AROUND_S)
+        assert asked_s[0] - begun_s == pytest.approx(PATIENCE_S, abs=AROUND_S)
         assert one.autopilot.mode == scripted.BRAKE
 
 

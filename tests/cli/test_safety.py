@@ -47,7 +47,7 @@ def test_budget_of_the_default(run: Run) -> None:
         assert (f"\n{name} " in printed) == (name is not Fault.NOT_OBEYED), "nothing bounds who does not obey"
     assert "A vehicle that does not obey is bounded by nothing." in " ".join(printed.split())
     assert "no wall can be reached" in printed
-    assert "d_s = 1 m, d_c = 0.7 m" in printed
+    assert "d_s = 1 m, d_c = 0.8 m" in printed
 
 
 def test_budget_of_one_in_which_a_wall_can_be_reached(run: Run) -> None:
@@ -63,7 +63,7 @@ def test_budget_for_programs(run: Run) -> None:
     lines = {line["fault"]: line for line in json.loads(printed)}
     assert code == 0
     assert len(lines) == len(set(Fault) - {Fault.NOT_OBEYED}) + 3
-    assert lines["depth_stale"]["remaining_m"] == pytest.approx(0.1145, abs=1e-3)
+    assert lines["depth_stale"]["remaining_m"] == pytest.approx(0.1395, abs=1e-3)
     assert lines["depth_stale"]["reaches_wall"] is False
 
 
@@ -81,7 +81,7 @@ def test_faults(run: Run) -> None:
     rows = {line.split()[0]: line for line in printed.splitlines() if line}
     assert {fault.value for fault in Fault} <= set(rows)
     assert " 0.12 s " in rows["setpoint_late"]
-    assert " 0.525 m " in rows["distance"]
+    assert " 0.575 m " in rows["distance"]
     assert " never " in rows["ground_stop"]
 
 

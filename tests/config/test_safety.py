@@ -105,7 +105,7 @@ class TestLevel:
     def test_one_level_leaves_the_other_alone(self) -> None:
         """Defaults are shared objects: filling one in must not change the next."""
         safety(level="cautious")
-        assert safety().stale.depth_s == 0.6
+        assert safety().stale.depth_s == 0.5
 
     def test_what_is_left_out_follows_the_law(self) -> None:
         control = Settings().control
@@ -164,8 +164,8 @@ class TestReactions:
         ("limits: {yaw_rate_radps: 0.5}", "safety.limits.yaw_rate_radps = 0.5 rad/s must not be below "),
         ("distance: {hard_limit_m: 0.35}", "safety.distance.hard_limit_m = 0.35 m must be greater than vehicle.body_"),
         (
-            "distance: {hard_limit_m: 0.7}",
-            "safety.distance.hard_limit_m = 0.7 m must be smaller than control.critical_",
+            "distance: {hard_limit_m: 0.8}",
+            "safety.distance.hard_limit_m = 0.8 m must be smaller than control.critical_",
         ),
         (
             "stale: {setpoint_s: 0.07}",

@@ -10,8 +10,9 @@ import pytest
 
 from companion.control.navigator import Navigator
 from companion.control.parameters import Parameters
-from companion.control.standing import Standing
+from companion.control.standing import AWAY_MPS, Standing
 from companion.model import HIT, Input, Mode, Pose, Scan, Setpoint
+from companion.sides import NOTHING_AROUND, Side, Sides
 from companion.station_keeping import GAIN_PER_S, MOST_MPS
 from tests.control.scene import scan_of
 from tests.control.stages import (
@@ -68,7 +69,7 @@ def test_what_flies_is_steered_by_the_laws_alone(mode: Mode) -> None:
 def test_what_has_flown_on_stands_at_its_next_stop() -> None:
     """Protects from being led back to where it stood before: metres backward, unseen."""
     navigator = IN_MODE[Mode.BOUNDARY]()
-    for i, (told, x_m) in enumerate([(wall_ahead(0.68), 0.0), (beside(1), 0.5), (wall_ahead(0.68), 1.0)]):
+    for i, (told, x_m) in enumerate([(wall_ahead(0.78), 0.0), (beside(1), 0.5), (wall_ahead(0.78), 1.0)]):
         stopped = navigator.step(told, replace(ORIGIN, x_m=x_m), DT_S * i)
     assert (stopped.speed_mps, stopped.lateral_mps) == (0.0, 0.0)
 
@@ -85,6 +86,28 @@ def test_nobody_is_led_back_by_inputs_that_are_missing() -> None:
     assert (seeing.speed_mps, seeing.lateral_mps) == (0.0, 0.0)
 
 
+@pytest.mark.parametrize("mode", [Mode.TANGENT, Mode.BOUNDARY])
+@pytest.mark.parametrize(
+    ("sides", "left_mps"),
+    [
+        (Sides(right=Side(0.7, 0.0)), 0.2),
+        (Sides(left=Side(0.75, 0.1)), -0.2),
+        (Sides(right=Side(0.85, 0.2)), 0.1),
+        (Sides(right=Side(0.85, 0.1)), 0.0),
+        (Sides(left=Side(0.4, 0.0)), -AWAY_MPS),
+        (Sides(front=Side(0.4, 0.0), back=Side(0.6, 0.0)), 0.0),
+    ],
+)
+def test_what_flies_is_moved_aside_from_a_wall_that_comes_too_near(mode: Mode, sides: Sides, left_mps: float) -> None:
+    """Protects from being carried sideways into the wall that is followed: the real PX4 with GPS was, at 0.4 m/s."""
+    navigator = IN_MODE[mode](tangent_probability=ALWAYS)
+    for i in range(20):
+        setpoint = navigator.step(replace(beside(1), sides=sides), replace(ORIGIN, x_m=0.02 * i), 1.0 + DT_S * i)
+    assert setpoint.speed_mps > 0.0
+    assert setpoint.lateral_mps == pytest.approx(left_mps)
+    assert math.hypot(setpoint.speed_mps, setpoint.lateral_mps) <= navigator.parameters.speed_mps + 1e-9
+
+
 # Walls that come nearer.
 
 
@@ -99,11 +122,11 @@ def seen(*walls: tuple[float, float], remembered: tuple[float, float] | None = N
 
 
 def stood(scan: Scan, pose: Pose = ORIGIN) -> Setpoint:
-    return Standing(Parameters()).of(Setpoint(0.0, 0.0, 0.0, 0.2), scan, pose)
+    return Standing(Parameters()).of(Setpoint(0.0, 0.0, 0.0, 0.2), scan, NOTHING_AROUND, pose)
 
 
 @pytest.mark.parametrize("bearing_rad", [0.0, 0.6, -1.2])
-@pytest.mark.parametrize(("range_m", "speed_mps"), [(0.66, 0.0), (0.6, 0.1), (0.4, 0.2)])
+@pytest.mark.parametrize(("range_m", "speed_mps"), [(0.76, 0.0), (0.7, 0.2), (0.5, 0.4)])
 def test_it_backs_away_from_a_wall_that_has_come_too_near(bearing_rad: float, range_m: float, speed_mps: float) -> None:
     """Protects from odometry that drifts: by its own position the vehicle stands, and the wall comes nearer."""
     asked = stood(seen((bearing_rad, range_m)))
@@ -120,6 +143,17 @@ def test_it_does_not_back_into_another_wall() -> None:
     assert stood(seen((0.0, 0.5), (2.0, 0.65))).speed_mps < 0.0, "one beside the way back is none behind"
 
 
+def test_it_makes_room_behind_and_beside_too() -> None:
+    """Protects from walls that no camera looks at while it turns on the spot, and from a drift towards them."""
+    for sides, expected in (
+        (Sides(back=Side(0.7, 0.0)), (0.1, 0.0)),
+        (Sides(left=Side(0.8, 0.2)), (0.0, -0.1)),
+        (Sides(left=Side(0.78, 0.0)), (0.0, 0.0)),
+    ):
+        asked = Standing(Parameters()).of(Setpoint(0.0, 0.0, 0.0, 0.2), seen(), sides, ORIGIN)
+        assert (asked.speed_mps, asked.lateral_mps) == pytest.approx(expected), sides
+
+
 def test_a_wall_that_is_only_remembered_drives_nobody() -> None:
     """Protects from a position that drifts: it carries the walls of memory along, and they come nearer in mind only."""
     assert stood(seen(remembered=(0.0, 0.4))).speed_mps == 0.0
@@ -129,7 +163,7 @@ def test_after_backing_away_it_stays_where_it_then_stands() -> None:
     """Protects from swinging: it is not led back to the place that was too near."""
     standing = Standing(Parameters())
     still = Setpoint(0.0, 0.0, 0.0, 0.0)
-    standing.of(still, seen(), ORIGIN)
-    standing.of(replace(still, t_s=1.0), seen((0.0, 0.5)), ORIGIN)
-    after = standing.of(replace(still, t_s=2.0), seen((0.0, 0.7)), replace(ORIGIN, x_m=-0.2))
+    standing.of(still, seen(), NOTHING_AROUND, ORIGIN)
+    standing.of(replace(still, t_s=1.0), seen((0.0, 0.5)), NOTHING_AROUND, ORIGIN)
+    after = standing.of(replace(still, t_s=2.0), seen((0.0, 0.8)), NOTHING_AROUND, replace(ORIGIN, x_m=-0.2))
     assert (after.speed_mps, after.lateral_mps) == (0.0, 0.0)

@@ -285,7 +285,7 @@ def test_the_link_is_the_inherited_socket_and_goes_no_further(monkeypatch: pytes
         link = GateSocket.from_environment()
         assert not os.get_inheritable(number)
         link.beat(BEAT)
-        assert ours.recv(100) == BEAT.packed()
+        assert ours.recv(1000) == BEAT.packed()
         end(link)
 
 

@@ -9,24 +9,25 @@ from typing import Any
 import pytest
 
 from companion.gate.failsafe_actions import (
-    BACK_MPS,
+    AWAY_MPS,
     HOLD_PATIENCE_S,
     LAND_MPS,
     PLACELESS,
-    STAND_PATIENCE_S,
     UNSTOPPABLE,
 )
 from companion.gate.faults import Fault, Stage
 from companion.gate.protocol import Phase
 from companion.gate.vehicle import NOWHERE_S
 from companion.mavlink.firmware import AutopilotKind
-from companion.station_keeping import STANDS_MPS
+from companion.sides import NOTHING_AROUND, Side, Sides
+from companion.station_keeping import PATIENCE_S, STANDS_MPS
 from tests.gate.built import BEAT, KINDS
 from tests.gate.failsafe_scene import PLAN, Scene
 
 BOTH = pytest.mark.parametrize("kind", KINDS)
 AT_S = 64.0
 PERIOD_S = PLAN.period_s
+TOO_NEAR = Sides(front=Side(0.25, 0.0))
 
 
 def braking(kind: AutopilotKind = AutopilotKind.PX4) -> Scene:
@@ -146,11 +147,11 @@ def test_what_does_not_stand_is_held_all_the_same() -> None:
     """Protects from waiting for an autopilot that does not obey: two seconds are enough for both of them."""
     scene = Scene()
     scene.escalation.force(Stage.HOLD)
-    for tick in range(round(STAND_PATIENCE_S / PERIOD_S) + 1):
+    for tick in range(round(PATIENCE_S / PERIOD_S) + 1):
         scene.at(AT_S + tick * PERIOD_S, vx=0.3)
         assert scene.ours.hold not in scene.due(AT_S + tick * PERIOD_S)
-    scene.at(AT_S + STAND_PATIENCE_S + PERIOD_S, vx=0.3)
-    asked_s = AT_S + STAND_PATIENCE_S + PERIOD_S
+    scene.at(AT_S + PATIENCE_S + PERIOD_S, vx=0.3)
+    asked_s = AT_S + PATIENCE_S + PERIOD_S
     assert scene.ours.hold in scene.due(asked_s)
     scene.at(asked_s + HOLD_PATIENCE_S)
     scene.due(asked_s + HOLD_PATIENCE_S)
@@ -265,26 +266,59 @@ def test_who_knows_where_it_is_lands_by_its_own_mode() -> None:
 
 
 @pytest.mark.parametrize(
-    ("ahead_m", "back_mps"), [(math.inf, 0.0), (math.nan, 0.0), (0.75, 0.0), (0.4375, 0.125), (0.25, BACK_MPS)]
+    ("sides", "forward_right"),
+    [
+        (NOTHING_AROUND, (0.0, 0.0)),
+        (Sides(front=Side(0.75, 0.0)), (0.0, 0.0)),
+        (Sides(front=Side(0.4375, 0.0)), (-0.125, 0.0)),
+        (Sides(front=Side(0.5625, 0.25)), (-0.125, 0.0)),
+        (Sides(front=Side(0.125, 0.0)), (-AWAY_MPS, 0.0)),
+        (Sides(back=Side(0.375, 0.0)), (0.25, 0.0)),
+        (Sides(left=Side(0.375, 0.0)), (0.0, 0.25)),
+        (Sides(right=Side(0.5, 0.25)), (0.0, -0.25)),
+    ],
 )
-def test_it_backs_away_from_a_wall_that_comes_nearer_while_it_stands(ahead_m: float, back_mps: float) -> None:
+def test_it_moves_away_from_a_wall_that_comes_nearer_while_it_stands(
+    sides: Sides, forward_right: tuple[float, float]
+) -> None:
     """Protects from odometry that drifts: who keeps a place by it drifts along, into the wall that the camera sees."""
     scene = Scene()
     scene.escalation.force(Stage.BRAKE)
     scene.at(AT_S)
-    scene.monitor.on_beat(replace(BEAT, t_s=AT_S, ahead_m=ahead_m), AT_S)
+    scene.monitor.on_beat(replace(BEAT, t_s=AT_S, sides=sides), AT_S)
     assert PLAN.thresholds.hard_limit_m + PLAN.stopping.creep_m == 0.5
-    assert scene.due(AT_S) == ["stop" if back_mps == 0.0 else (-back_mps, 0.0, 0.0)]
+    assert scene.due(AT_S) == [(*forward_right, 0.0) if any(forward_right) else "stop"]
 
 
-@pytest.mark.parametrize(("late_s", "depth_age_s"), [(0.125, 0.1), (0.0625, 0.5625)])
-def test_by_what_is_no_longer_seen_it_does_not_move(late_s: float, depth_age_s: float) -> None:
-    """Protects from backing through a mine by an old look: the application hangs, or its camera does."""
+def test_by_what_is_no_longer_seen_it_does_not_move() -> None:
+    """Protects from backing through a mine by an old look: the application hangs, and tells of nothing newer."""
     scene = Scene()
     scene.escalation.force(Stage.BRAKE)
-    scene.monitor.on_beat(replace(BEAT, t_s=AT_S, ahead_m=0.25, depth_age_s=depth_age_s), AT_S)
-    scene.at(AT_S + late_s)
-    assert scene.due(AT_S + late_s) == ["stop"]
+    scene.monitor.on_beat(replace(BEAT, t_s=AT_S, sides=TOO_NEAR), AT_S)
+    scene.at(AT_S + 0.125)
+    assert scene.due(AT_S + 0.125) == ["stop"]
+
+
+def test_a_camera_that_is_too_near_leaves_it_to_the_beams() -> None:
+    """Protects from a drift into the wall: nearer than the camera measures a beam still does."""
+    scene = Scene()
+    scene.escalation.force(Stage.BRAKE)
+    scene.at(AT_S)
+    scene.monitor.on_beat(replace(BEAT, t_s=AT_S, depth_age_s=5.0, ahead_m=math.nan, sides=TOO_NEAR), AT_S)
+    assert scene.due(AT_S) == [(-0.5, 0.0, 0.0)]
+
+
+@pytest.mark.parametrize(
+    "blind", [{"depth_age_s": 0.625}, {"ahead_m": math.nan}, {"ahead_m": 0.5}], ids=["no look", "unknown", "remembered"]
+)
+def test_forward_it_goes_only_where_it_is_seen_to_be_free(blind: dict[str, Any]) -> None:
+    """Protects from a blind flight: away from the wall behind, into the one ahead that the camera no longer sees."""
+    scene = Scene()
+    scene.escalation.force(Stage.BRAKE)
+    scene.at(AT_S)
+    beat = replace(BEAT, t_s=AT_S, sides=Sides(back=Side(0.375, 0.0), left=Side(0.4375, 0.0)))
+    scene.monitor.on_beat(replace(beat, **blind), AT_S)
+    assert scene.due(AT_S) == [(0.0, 0.125, 0.0)]
 
 
 @pytest.mark.parametrize("phase", [Phase.CLIMBING, Phase.ENDING])
@@ -292,6 +326,6 @@ def test_near_the_ground_it_does_not_back_away_from_it(phase: Phase) -> None:
     """Protects the take-off: the camera looks at the floor, and a stop of a moment sent the vehicle backward."""
     scene = Scene()
     scene.escalation.force(Stage.BRAKE)
-    scene.monitor.on_beat(replace(BEAT, t_s=AT_S, ahead_m=0.25, phase=phase), AT_S)
+    scene.monitor.on_beat(replace(BEAT, t_s=AT_S, sides=TOO_NEAR, phase=phase), AT_S)
     scene.at(AT_S)
     assert scene.due(AT_S) == ["stop"]

@@ -15,6 +15,7 @@ from companion.gate.protocol import Beat, Phase
 from companion.gate.setpoint_limits import VelocitySetpoint
 from companion.gate.vehicle import Vehicle
 from companion.mavlink.firmware import AutopilotKind
+from companion.sides import NOTHING_AROUND, Side
 from tests.gate.built import PLAN as BUILT
 
 NOW_S = 64.0
@@ -270,6 +271,37 @@ def test_a_slow_vehicle_needs_less() -> None:
 def test_who_does_not_close_in_may_be_near(flown_mps: float | None, asked_mps: float | None) -> None:
     """Protects the way out of a narrow place: who stands, or backs away, is let go."""
     assert only(flying(flown_mps, asked_mps, 0.0), Fault.DISTANCE) is None
+
+
+@pytest.mark.parametrize(
+    ("where", "words"), [("front", "ahead"), ("left", "on the left"), ("back", "behind"), ("right", "on the right")]
+)
+def test_what_is_seen_to_come_nearer_counts_on_every_side(where: str, words: str) -> None:
+    """Protects from a velocity that is wrong: the autopilot says that it stands, and is carried into a wall."""
+    for distance_m, told in ((1.25, None), (1.25 - JUST_S, f"1.25 m {words}")):
+        monitor = flying(0.0, None, math.inf)
+        sides = NOTHING_AROUND._replace(**{where: Side(distance_m, 0.5)})
+        assert monitor.on_beat(replace(FRESH, ahead_m=math.inf, sides=sides), NOW_S)
+        assert only(monitor, Fault.DISTANCE) == told
+
+
+@pytest.mark.parametrize("told", [True, False], ids=["flown", "asked"])
+@pytest.mark.parametrize(
+    ("where", "forward_right"), [("left", (0.0, -0.5)), ("back", (-0.5, 0.0)), ("right", (0.0, 0.5))]
+)
+def test_motion_to_a_side_is_bounded_as_the_one_ahead(
+    where: str, forward_right: tuple[float, float], told: bool
+) -> None:
+    """Protects from walls beside and behind: a vehicle that makes room, or slips in a turn, flies that way."""
+    for side, distance_m, expected in ((where, 1.25, False), (where, 1.25 - JUST_S, True), ("front", 1.0, False)):
+        sides = NOTHING_AROUND._replace(**{side: Side(distance_m, 0.0)})
+        monitor = flying(0.0, None, math.inf)
+        assert monitor.on_beat(replace(FRESH, ahead_m=math.inf, sides=sides), NOW_S)
+        if told:
+            monitor._vehicle.motion._state = (0.0, 0.0, 0.0, *forward_right, 0.0)
+        else:
+            monitor.asked = VelocitySetpoint(NOW_S, *forward_right, 0.0, 0.0)
+        assert (only(monitor, Fault.DISTANCE) is not None) is expected
 
 
 def test_a_distance_that_is_not_known_is_judged_where_setpoints_are() -> None:

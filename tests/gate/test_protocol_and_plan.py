@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from companion.gate.faults import Fault, Stage
 from companion.gate.plan import Attached, Geofence, Plan, Signing
 from companion.gate.protocol import PACKET_BYTES, Beat, Goodbye, Notice, Phase, is_mavlink, unpacked
+from companion.sides import Side, Sides
 from tests.gate.built import BEAT, PLAN
 
 ages = st.floats(0.0, math.inf)
@@ -44,6 +45,10 @@ def test_what_else_cannot_be_a_beat() -> None:
     assert unpacked(replace(BEAT, t_s=math.inf).packed()) is None
     assert unpacked(replace(BEAT, ahead_m=-1.0).packed()) is None
     assert unpacked(replace(BEAT, ahead_m=math.nan).packed()) is not None
+    for side in (Side(-1.0, 0.0), Side(math.nan, 0.0), Side(1.0, math.nan), Side(1.0, math.inf)):
+        assert unpacked(replace(BEAT, sides=Sides(right=side)).packed()) is None
+    around = Sides(Side(1.0, 0.5), Side(2.0, -0.5), Side(math.inf, 0.0), Side(0.25, 0.125))
+    assert unpacked(replace(BEAT, sides=around).packed()) == replace(BEAT, sides=around)
     raw = bytearray(BEAT.packed())
     raw[4] = 9
     assert unpacked(bytes(raw)) is None, "no such phase"

@@ -44,7 +44,7 @@ class TestPlan:
         plan = plan_of()
         assert plan.limits.speed_mps == pytest.approx(0.55)
         assert plan.thresholds.setpoint_s == pytest.approx(0.12)
-        assert plan.thresholds.hard_limit_m == pytest.approx(0.525)
+        assert plan.thresholds.hard_limit_m == pytest.approx(0.575)
 
     def test_heights_become_depths(self) -> None:
         """North-east-down: the highest height is the least down."""
@@ -107,9 +107,9 @@ class TestRefusal:
 
     def test_faster_is_refused_with_fault_values_and_what_to_change(self) -> None:
         said = refused({"control": {"speed_mps": 1.0, "allow_turning_radius_above_margin": True}})
-        assert "depth_stale: " in said
-        assert "safety.stale.depth_s = 0.6" in said
-        for key in ("control.speed_mps = 1", "safety.limits.speed_mps", "control.critical_margin_m = 0.7"):
+        assert "gate killed: " in said
+        assert "autopilot.silence_s = 0.5" in said
+        for key in ("control.speed_mps = 1", "safety.limits.speed_mps", "control.critical_margin_m = 0.8"):
             assert key in said
 
     def test_a_larger_body_is_refused(self) -> None:

@@ -89,7 +89,7 @@ class Straight:
         yaw_rate_radps = max(-MOST_YAW_RATE_RADPS, min(MOST_YAW_RATE_RADPS, YAW_GAIN_PER_S * turn_rad))
         wanted = Setpoint(t_s, speed_mps, climb_mps, yaw_rate_radps)
         if measurement.scan is not None and not FAULTS.careless:
-            wanted = self._standing.of(wanted, measurement.scan, pose)
+            wanted = self._standing.of(wanted, measurement.scan, measurement.sides, pose)
         return self._ramp.limit(wanted)
 
 

@@ -219,7 +219,7 @@ def check_setpoint(fields: dict[str, Any]) -> None:
     assert (fields["target_system"], fields["target_component"]) == (1, 1)
     assert (fields["coordinate_frame"], fields["type_mask"]) == (8, 0x5C7)
     # Backward and sideways goes only what has crept away from where it stands, or what a wall has come near.
-    most_mps = max(standing.MOST_MPS, station_keeping.MOST_MPS) + 1e-6
+    most_mps = max(standing.AWAY_MPS, station_keeping.MOST_MPS) + 1e-6
     assert -most_mps <= fields["vx"] <= law.speed_mps + 1e-9, fields
     assert abs(fields["vy"]) <= most_mps, fields
     assert abs(fields["vz"]) <= law.max_climb_mps + 1e-9, fields
