@@ -225,7 +225,7 @@ class Measurement:
         ranges_age_s: age of the newest reading of the beam that has been silent longest, of those that the vehicle
             counts on; infinite when one has never reported.
         missing: the inputs that are absent or stale; empty when the vehicle may fly.
-        sides: what the sensors see near the body just now, nothing remembered, and whether it comes nearer by that.
+        sides: what is near on the four sides of the body, as seen in the last seconds, and whether it comes nearer.
     """
 
     t_s: float

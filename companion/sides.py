@@ -15,11 +15,11 @@ AWAY_PER_S = 2.0
 
 
 class Side(NamedTuple):
-    """One side of the body, as its sensors see it just now; no distance is remembered.
+    """One side of the body, as its sensors see it now, and have seen it a moment ago.
 
     Attributes:
-        distance_m: from the middle of the body to what is nearest there within its width; infinite: nothing near is
-            seen, which may also be because nothing looks there.
+        distance_m: from the middle of the body to what is nearest there; infinite: nothing near is seen, which may also
+            be because nothing looks there.
         closing_mps: how fast that comes nearer: by the vehicle's own velocity, and by as much more as the distances
             say.
     """

@@ -18,7 +18,8 @@ CLOSING_MPS = 0.1
 """Slower than this nothing closes: an estimate of the speed is no better."""
 FUTURE_S = 0.05
 """A beat from further ahead is none: all processes of a computer have one clock."""
-WHERE = ("ahead", "on the left", "behind", "on the right")
+AHEAD = "ahead"
+WHERE = (AHEAD, "on the left", "behind", "on the right")
 """The sides of `companion.sides.Sides`."""
 STEERED = (Phase.CLIMBING, Phase.EXPLORING)
 
@@ -181,6 +182,9 @@ class FaultMonitor:
             # What the sensors see come nearer does so, whatever the autopilot says of its speed.
             closing_mps = max(speed_mps, side.closing_mps)
             stop_m = self._plan.stopping.distance_m(max(0.0, closing_mps), since_s + 2.0 * self._plan.period_s)
+            if where != AHEAD:
+                # There the law makes room from d_c on, and does it sooner when it is not stopped.
+                stop_m -= self._plan.stopping.creep_m
             if closing_mps > CLOSING_MPS and distance_m - stop_m < self._plan.thresholds.hard_limit_m:
                 return f"{distance_m:.2f} m {where}"
         return None

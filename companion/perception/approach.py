@@ -17,6 +17,8 @@ STEP_M = 0.25
 """Two looks that differ by more saw two things, or the position leapt: an edge came in between."""
 TURNED_RAD = 0.06
 """A wall that is seen askew seems to come nearer when the vehicle turns: after more than this nothing is told."""
+FASTEST_MPS, ROUGH_M = 0.7, 0.05
+"""No position of ours errs faster, and what drifts does so steadily: else another surface came into the beam."""
 STALE_S = 0.5
 
 
@@ -85,14 +87,16 @@ class Approach:
         return Side(max(0.0, self._looks[-1].distance_m - max(0.0, closing_mps) * age_s), closing_mps)
 
     def _slope_mps(self) -> float:
-        """The least squares' slope, toward the vehicle; 0 when it cannot be told."""
+        """The least squares' slope, toward the vehicle; 0 when it cannot be told, or is none of a drift."""
         looks = self._looks
         if len(looks) < LEAST_LOOKS or looks[-1].t_s - looks[0].t_s < LEAST_S:
             return 0.0
         mean_s = sum(look.t_s for look in looks) / len(looks)
         mean_m = sum(look.place_m for look in looks) / len(looks)
         spread = sum((look.t_s - mean_s) ** 2 for look in looks)
-        return -sum((look.t_s - mean_s) * (look.place_m - mean_m) for look in looks) / spread
+        slope_mps = sum((look.t_s - mean_s) * (look.place_m - mean_m) for look in looks) / spread
+        off_m = max(abs(look.place_m - mean_m - slope_mps * (look.t_s - mean_s)) for look in looks)
+        return -slope_mps if abs(slope_mps) <= FASTEST_MPS and off_m <= ROUGH_M else 0.0
 
 
 def nearest_of(approaches: list[Approach], t_s: float, towards_mps: float) -> Side:

@@ -29,7 +29,7 @@ from companion.perception.depth import Slab, look_ahead
 from companion.perception.look import Look, bin_bearings, planar_look
 from companion.perception.rangefinders import Beams
 from companion.perception.scan_memory import ScanMemory
-from companion.sides import NOTHING_AROUND, Sides
+from companion.sides import NOTHING_AROUND, Side, Sides
 
 POSE_STALE_S = 0.3
 """A pose older than this is missing: at 0.5 m/s the vehicle is 15 cm from where it says."""
@@ -45,6 +45,9 @@ AHEAD_MARGIN_M = 0.1
 
 LOOK_M = 5.0
 """A bearing looks along the way when it is still within the width this far out: the bearings beside leave it sooner."""
+
+BESIDE_COS = math.cos(math.radians(45.0))
+"""A quarter of all bearings is a side."""
 
 _SIDEWAYS = {Beam.FRONT: 0.0, Beam.LEFT: math.pi / 2.0, Beam.BACK: -math.pi, Beam.RIGHT: -math.pi / 2.0}
 
@@ -90,7 +93,7 @@ class Extractor:
         known = [look for look in (self._ahead, self._around) if look is not None and look.t_s <= t_s]
         looks = [look for look in known if t_s - look.t_s <= self._settings.scan.stale_after_s]
         missing = self._missing(pose, t_s, h_m, looks)
-        scan = self._scan(looks, pose, t_s) if looks and pose.is_finite else None
+        scan, recent_m = self._scan(looks, pose, t_s) if looks and pose.is_finite else (None, None)
         d_m, d_bearing_rad = _nearest(scan, math.pi) if scan else (None, None)
         return Measurement(
             t_s=t_s,
@@ -106,7 +109,7 @@ class Extractor:
             ahead_m=ahead_m(scan, self._half_width_m) if scan else math.nan,
             ranges_age_s=self._beams.oldest_age_s(t_s),
             missing=missing,
-            sides=self._sides(pose, t_s),
+            sides=self._sides(pose, t_s, recent_m),
         )
 
     def _missing(self, pose: Pose, t_s: float, h_m: float | None, looks: Sequence[Look]) -> tuple[Input, ...]:
@@ -123,7 +126,8 @@ class Extractor:
             distance_m = _beside_m(self._bearings_rad, look.ranges_m, look.state, _SIDEWAYS[side], self._half_width_m)
             self._approaches[side][sensor].see(look.t_s, distance_m, (look.x_m, look.y_m), look.yaw_rad)
 
-    def _sides(self, pose: Pose, t_s: float) -> Sides:
+    def _sides(self, pose: Pose, t_s: float, recent_m: FloatArray | None) -> Sides:
+        """What is seen just now, and beside and behind what was seen a moment ago: a beam looks at one point only."""
         if not pose.is_finite:
             return NOTHING_AROUND
         for side, (*_, approach) in self._approaches.items():
@@ -132,26 +136,31 @@ class Extractor:
                 range_m = self._beams.level_m(side, pose, t_s)
                 at_m = (read_at.x_m, read_at.y_m)
                 approach.see(reading.t_s, math.inf if range_m is None else range_m, at_m, read_at.yaw_rad)
-        front, left, back, right = (
-            nearest_of(self._approaches[side], t_s, -_closing(pose, towards_rad))
-            for side, towards_rad in _SIDEWAYS.items()
-        )
-        return Sides(front, left, back, right)
+        found = {}
+        for side, towards_rad in _SIDEWAYS.items():
+            towards_mps = -_closing(pose, towards_rad)
+            found[side] = nearest_of(self._approaches[side], t_s, towards_mps)
+            if recent_m is None or side is Beam.FRONT:
+                continue
+            remembered_m = float(np.min(recent_m[np.cos(self._bearings_rad - towards_rad) > BESIDE_COS]))
+            if remembered_m < found[side].distance_m:
+                closing_mps = max(towards_mps, found[side].closing_mps)
+                found[side] = Side(remembered_m, closing_mps)
+        return Sides(*found.values())
 
     def _remember(self, look: Look) -> None:
         hits = (look.state == HIT) & (look.ranges_m <= self._settings.scan.memory_look_m)
         pose = Pose(look.t_s, look.x_m, look.y_m, 0.0, look.yaw_rad)
         self._memory.remember(pose, self._bearings_rad[hits], look.ranges_m[hits], look.t_s)
 
-    def _scan(self, looks: Sequence[Look], pose: Pose, t_s: float) -> Scan:
+    def _scan(self, looks: Sequence[Look], pose: Pose, t_s: float) -> tuple[Scan, FloatArray]:
         bins = self._bearings_rad.size
         scan = Scan(self._bearings_rad, np.zeros(bins), np.full(bins, UNKNOWN, np.uint8), np.zeros(bins, np.bool_))
         for look in looks:
             _carry(scan, look, pose.x_m, pose.y_m, pose.yaw_rad)
         for beam, bearing_rad in _SIDEWAYS.items():
             self._add_beam(scan, beam, bearing_rad, pose, t_s)
-        self._memory.recall(scan, pose, t_s)
-        return scan
+        return scan, self._memory.recall(scan, pose, t_s)
 
     def _add_beam(self, scan: Scan, beam: Beam, bearing_rad: float, pose: Pose, t_s: float) -> None:
         known = self._beams.fresh(beam, t_s)

@@ -17,6 +17,9 @@ CELL_M = 0.1
 CELLS = 128
 """Cells along each side of the grid, which wraps round: 12.8 m, so points within 6.4 m of the vehicle fit."""
 
+RECENT_S = 3.0
+"""What was seen in the last seconds is where it was seen, even by a position that drifts."""
+
 SEEN_THROUGH_M, SEEN_THROUGH_PER_M = 0.04, 0.004
 """A remembered point is dropped when a fresh look at its bearing sees further than it by more than
 SEEN_THROUGH_M + SEEN_THROUGH_PER_M · range²: the noise of a stereo camera grows with the square of the range. Without
@@ -52,9 +55,13 @@ class ScanMemory:
                 self._max_distance_m,
             )
 
-    def recall(self, scan: Scan, pose: Pose, t_s: float) -> None:
-        """Fill the bearings of ``scan`` of which nothing was learnt just now with remembered points, in place."""
-        _recall(
+    def recall(self, scan: Scan, pose: Pose, t_s: float) -> FloatArray:
+        """Fill the bearings of ``scan`` of which nothing was learnt just now with remembered points, in place.
+
+        Returns:
+            (n,) the nearest point of the last `RECENT_S` at each bearing; infinite where there is none.
+        """
+        return _recall(
             self._points,
             self._seen_s,
             scan,
@@ -126,9 +133,10 @@ def _recall(
     t_s: float,
     max_age_s: float,
     max_distance_m: float,
-) -> None:
+) -> FloatArray:
     _, ranges, state, fresh = scan
     bins = ranges.size
+    recent = np.full(bins, np.inf)
     scale = bins / (2.0 * np.pi)
     # What was looked at, before anything that is remembered is put into it.
     looked, looked_state, looked_at = ranges.copy(), state.copy(), fresh.copy()
@@ -151,7 +159,10 @@ def _recall(
                     continue
                 if not _is_seen_through(distance, looked[b]):
                     continue
+            if age <= RECENT_S:
+                recent[b] = min(recent[b], distance)
             if state[b] != HIT or distance < ranges[b]:
                 ranges[b] = distance
                 state[b] = HIT
                 fresh[b] = False
+    return recent

@@ -11,7 +11,7 @@ from companion.model import Beam, Pose
 from companion.perception.approach import NEAR_M, STALE_S, Approach, nearest_of
 from companion.sides import NOTHING_NEAR
 from tests.perception.observations import DOWN, extractor, later, observed
-from tests.perception.scenes import AT_START, FLOOR, ROOF, wall_ahead
+from tests.perception.scenes import AT_START, FLOOR, ROOF, wall_ahead, wall_beside
 
 CAMERA_S = 0.2
 """Between two frames of the slowest camera that the presets know."""
@@ -74,6 +74,20 @@ def test_an_edge_is_not_an_approach() -> None:
     assert approach.side(0.2, 0.0) == (0.6, 0.0)
 
 
+@pytest.mark.parametrize("closing_mps", [0.8, 2.0])
+def test_what_comes_too_fast_is_another_surface(closing_mps: float) -> None:
+    """Protects from stopping for a wall that a beam grazes: 1 m/s nearer without anybody having moved."""
+    assert approached(closing_mps, period_s=0.1).side(0.0, 0.0) == (1.0, 0.0)
+
+
+def test_rough_rock_is_not_an_approach() -> None:
+    """Protects the flight along a wall that juts out: what drifts comes nearer steadily."""
+    approach = Approach(math.pi / 2.0)
+    for i, distance_m in enumerate((1.2, 1.2, 1.18, 1.19, 1.2, 1.0, 1.01, 1.0)):
+        looked(approach, 0.1 * i, distance_m)
+    assert approach.side(0.75, 0.0) == (1.0, 0.0)
+
+
 def test_who_turns_is_told_nothing() -> None:
     """Protects every turn: a wall seen askew seems to come nearer at 0.4 m/s at 0.6 rad/s."""
     assert approached(0.4, yaw_rate_radps=0.6).side(0.0, 0.0).closing_mps == 0.0
@@ -117,10 +131,20 @@ def test_the_measurement_has_all_four_sides() -> None:
     """Protects which beam is which side, and the camera's share: ahead."""
     extract = extractor()
     for i in range(9):
-        ranges = {**DOWN, Beam.LEFT: 1.4 - 0.04 * i, Beam.BACK: 0.9, Beam.RIGHT: 0.6 + 0.02 * i}
+        ranges = {**DOWN, Beam.LEFT: 1.4 - 0.04 * i, Beam.BACK: 0.9, Beam.RIGHT: 0.76}
         pose: Pose = later(AT_START, 0.1 * i)
         sides = extract.measure(observed(pose, [FLOOR, ROOF, wall_ahead(2.0 - 0.03 * i)], ranges)).sides
     assert sides.front == pytest.approx((1.76, 0.3), abs=0.02)
     assert sides.left == pytest.approx((1.08, 0.4))
     assert sides.back == pytest.approx((0.9, 0.0))
     assert sides.right == pytest.approx((0.76, 0.0))
+
+
+def test_a_wall_that_the_camera_saw_a_moment_ago_is_beside_now() -> None:
+    """Protects from the corner behind a beam: 0.62 m away at 120°, while the beam at 90° saw 0.77 m."""
+    extract = extractor()
+    extract.measure(observed(AT_START, [FLOOR, ROOF, wall_beside(0.9)], DOWN))
+    for after_s, near in ((0.5, True), (2.5, True), (3.5, False)):
+        pose = later(AT_START, after_s, x_m=AT_START.x_m + 2.0, vy_mps=0.2)
+        left = extract.measure(observed(pose, [FLOOR, ROOF], DOWN)).sides.left
+        assert left == (pytest.approx((0.9, 0.2), abs=0.05) if near else NOTHING_NEAR), after_s
