@@ -56,6 +56,9 @@ def governed_speed_mps(
 ) -> float:
     """The speed of law (12), lowered to what can be braked before d_c and turned away from before d_s.
 
+    The turn away has the radius v/(share·u_M). It bounds the speed only where something ahead is nearer than that, d_s
+    and the way of the reaction: along two walls with nothing ahead there is nothing to turn away from.
+
     Args:
         speed_mps: what (12) gives.
         scan: N(t).
@@ -70,7 +73,9 @@ def governed_speed_mps(
     lead_m = max(forward_mps, 0.0) * governor.reaction_s
     ahead_m, left_m, right_m = _room(scan, parameters.critical_margin_m, keep_m, lead_m)
     radius_m = max(left_m, right_m) if gamma is None else (left_m if gamma < 0 else right_m)
-    turning_mps = radius_m * governor.turn_share * parameters.max_yaw_rate_radps
+    turning_radps = governor.turn_share * parameters.max_yaw_rate_radps
+    # As long as what lies ahead leaves room for the turn at any speed, the walls beside need not hold one.
+    turning_mps = max(radius_m, ahead_m - lead_m - keep_m) * turning_radps
     braking_mps = braking_speed_mps(ahead_m - parameters.critical_margin_m, governor.reaction_s, governor.brake_mps2)
     creep_mps = governor.least_speed_mps if ahead_m > max(keep_m, parameters.critical_margin_m) else 0.0
     return min(speed_mps, max(creep_mps, min(turning_mps, braking_mps)))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.control import edges, laws
+from companion.control import boundary, edges, laws
 from companion.control.decisions import Choice, LapCounter, TangentLedger
 from companion.control.edges import Edge
 from companion.control.governor import governed_speed_mps
@@ -15,7 +15,7 @@ from companion.control.known_ground import KnownGround
 from companion.control.parameters import Parameters
 from companion.control.ramp import Ramp
 from companion.control.standing import Standing
-from companion.control.target import Target, TargetKind, world_point
+from companion.control.target import Progress, Target, TargetKind, world_point
 from companion.model import ABSURD, HIT, Measurement, Mode, Pose, Scan, Setpoint, wrap_rad
 
 FORGET_TANGENT_S = 5.0
@@ -62,6 +62,8 @@ class Navigator:
         self._gamma = self._either_side()
         self._circle_direction = self._either_side()
         self._target: Target | None = None
+        half_turn_s = math.pi / parameters.max_yaw_rate_radps
+        self._progress = Progress(parameters.target_timeout_factor * half_turn_s)
         self._ledger = TangentLedger(parameters.margin_m, FORGET_TANGENT_S)
         self._ground = KnownGround()
         self._choice = Choice(parameters, self._ground)
@@ -113,23 +115,26 @@ class Navigator:
         elif self._mode is Mode.BOUNDARY:
             self._leave_boundary(measurement, scan, pose, t_s)
         speed = self._speed_mps(measurement, scan, pose)
-        wanted = Setpoint(t_s, speed, climb, self._yaw_rate_radps(measurement, pose))
+        wanted = Setpoint(t_s, speed, climb, self._yaw_rate_radps(scan, pose))
         return self._ramp.limit(self._standing.of(wanted, scan, measurement.sides, pose))
 
     # The laws.
 
-    def _yaw_rate_radps(self, measurement: Measurement, pose: Pose) -> float:
+    def _yaw_rate_radps(self, scan: Scan, pose: Pose) -> float:
         """Paper eq. (7)."""
         if self._mode is Mode.CIRCLE:
             return laws.circle_yaw_rate_radps(self._circle_direction, self.parameters)
         if self._mode is Mode.TANGENT:
             return laws.tangent_yaw_rate_radps(self._target_bearing_rad(pose), self.parameters)
-        if measurement.d_m is None or measurement.d_bearing_rad is None or measurement.d_dot_mps is None:
+        found = boundary.followed(scan, self._gamma, self.parameters.critical_margin_m)
+        if found is None:
             return 0.0
-        d_dot_mps = measurement.d_dot_mps
+        d_m, bearing_rad = found
+        direction_rad = pose.yaw_rad + bearing_rad
+        d_dot_mps = -(pose.vx_mps * math.cos(direction_rad) + pose.vy_mps * math.sin(direction_rad))
         if self.parameters.law == "smooth":
-            d_dot_mps = min(d_dot_mps, laws.cruising_rate_mps(measurement.d_bearing_rad, self.parameters))
-        return laws.boundary_yaw_rate_radps(self._gamma, measurement.d_m, d_dot_mps, self.parameters)
+            d_dot_mps = min(d_dot_mps, laws.cruising_rate_mps(bearing_rad, self.parameters))
+        return laws.boundary_yaw_rate_radps(self._gamma, d_m, d_dot_mps, self.parameters)
 
     def _speed_mps(self, measurement: Measurement, scan: Scan, pose: Pose) -> float:
         """Paper eq. (12), lowered by the governor."""
@@ -166,12 +171,12 @@ class Navigator:
             self._extend(scan, pose, t_s)
 
     def _leave_tangent(self, measurement: Measurement, pose: Pose, t_s: float) -> None:
-        """R2 -> R3 at T_m, past T_m, or at a boundary that comes first; R2 -> R1 when T_m is not reached in time."""
+        """R2 -> R3 at T_m, past T_m, or at a boundary that comes first; R2 -> R1 when T_m comes no nearer."""
         target = self._target
         assert target is not None  # noqa: S101 - R2 is entered only with a target
         if target.is_reached(pose, self.parameters.target_radius_m):
             self._enter(Mode.BOUNDARY, pose, t_s)
-        elif t_s - target.since_s > target.timeout_s:
+        elif self._progress.has_ended(target, pose, t_s):
             self._enter(Mode.CIRCLE, pose, t_s)
         elif self._escapes() and abs(target.bearing_rad(pose)) >= math.pi / 2.0:
             # It stands and turns away from the very wall that it escapes from, which has come first already.
@@ -263,9 +268,8 @@ class Navigator:
 
     def _fly_to(self, bearing_rad: float, distance_m: float, kind: TargetKind, pose: Pose, t_s: float) -> None:
         x_m, y_m = world_point(pose, bearing_rad, distance_m)
-        straight_s = distance_m / self.parameters.speed_mps + abs(bearing_rad) / self.parameters.max_yaw_rate_radps
-        timeout_s = self.parameters.target_timeout_factor * straight_s + 1.0
-        self._target = Target(x_m, y_m, pose.x_m, pose.y_m, t_s, timeout_s, kind)
+        self._target = Target(x_m, y_m, pose.x_m, pose.y_m, kind)
+        self._progress.begin(self._target, t_s)
         self._enter(Mode.TANGENT, pose, t_s)
 
     def _enter(self, mode: Mode, pose: Pose, t_s: float) -> None:

@@ -98,5 +98,8 @@ class Parameters:
         float, Ge(0.0), Le(120.0), doc("after a declined tangent, look for none during this time, in s")
     ] = 4.0
     target_timeout_factor: Annotated[
-        float, Ge(1.0), Le(20.0), doc("give a target up after this many times the straight flight's duration")
+        float,
+        Ge(1.0),
+        Le(20.0),
+        doc("give a target up when it has come no nearer for this many times the duration of half a turn"),
     ] = 2.5

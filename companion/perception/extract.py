@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from companion.compiled import compiled
 from companion.config.sensors import SensorSettings
 from companion.config.vehicle import VehicleSettings
+from companion.control.boundary import nearest
 from companion.model import (
     CLEAR,
     FRONT_RAD,
@@ -33,9 +34,6 @@ from companion.sides import NOTHING_AROUND, Side, Sides
 
 POSE_STALE_S = 0.3
 """A pose older than this is missing: at 0.5 m/s the vehicle is 15 cm from where it says."""
-
-NEAREST_NOISE_M, NEAREST_SPREAD_RAD = 0.05, math.radians(35.0)
-"""Points this much further than the nearest, and no further round than this, are taken for as near as it."""
 
 FARTHEST_GROUND_M = 100.0
 """No rangefinder of ours sees the ground from higher."""
@@ -94,7 +92,9 @@ class Extractor:
         looks = [look for look in known if t_s - look.t_s <= self._settings.scan.stale_after_s]
         missing = self._missing(pose, t_s, h_m, looks)
         scan, recent_m = self._scan(looks, pose, t_s) if looks and pose.is_finite else (None, None)
-        d_m, d_bearing_rad = _nearest(scan, math.pi) if scan else (None, None)
+        all_round = np.abs(self._bearings_rad) <= math.pi
+        d_m, d_bearing_rad = (nearest(scan, all_round) if scan else None) or (None, None)
+        front = nearest(scan, np.abs(self._bearings_rad) <= FRONT_RAD) if scan else None
         return Measurement(
             t_s=t_s,
             scan_age_s=t_s - max((look.t_s for look in known), default=-math.inf),
@@ -104,7 +104,7 @@ class Extractor:
             ground_slope=self._ground_slope if self._ahead in looks else None,
             d_m=d_m,
             d_bearing_rad=d_bearing_rad,
-            d_front_m=_nearest(scan, FRONT_RAD)[0] if scan else None,
+            d_front_m=None if front is None else front[0],
             d_dot_mps=None if d_bearing_rad is None else _closing(pose, d_bearing_rad),
             ahead_m=ahead_m(scan, self._half_width_m) if scan else math.nan,
             ranges_age_s=self._beams.oldest_age_s(t_s),
@@ -203,37 +203,6 @@ def _carry(scan: Scan, look: Look, x_m: float, y_m: float, yaw_rad: float) -> No
         elif look.state[source] == CLEAR and state[b] == UNKNOWN:
             ranges[b] = look.limit_m
             state[b] = CLEAR
-
-
-def _nearest(scan: Scan, within_rad: float) -> tuple[float | None, float | None]:
-    """Range and bearing of the nearest HIT within that bearing of the heading; None, None when there is none."""
-    range_m, bearing_rad = _nearest_of(scan.bearings_rad, scan.ranges_m, scan.state, within_rad)
-    return (float(range_m), float(bearing_rad)) if np.isfinite(range_m) else (None, None)
-
-
-@compiled
-def _nearest_of(
-    bearings: FloatArray, ranges: FloatArray, state: NDArray[np.uint8], within_rad: float
-) -> tuple[float, float]:
-    """The least range, and the middle of the bearings about it that are as near but for noise.
-
-    Along a flat wall the range hardly changes about its foot: 2 cm of noise move the nearest single bearing by 11°, and
-    with it the sign of ḋ.
-    """
-    nearest = -1
-    for i in range(bearings.size):
-        if state[i] == HIT and abs(bearings[i]) <= within_rad and (nearest < 0 or ranges[i] < ranges[nearest]):
-            nearest = i
-    if nearest < 0:
-        return np.inf, 0.0
-    total, count = 0.0, 0
-    for i in range(bearings.size):
-        off = (bearings[i] - bearings[nearest] + np.pi) % (2.0 * np.pi) - np.pi
-        if state[i] == HIT and abs(off) < NEAREST_SPREAD_RAD and ranges[i] <= ranges[nearest] + NEAREST_NOISE_M:
-            total += off
-            count += 1
-    middle = bearings[nearest] + total / count
-    return ranges[nearest], (middle + np.pi) % (2.0 * np.pi) - np.pi
 
 
 @compiled

@@ -1,0 +1,62 @@
+"""Which of the walls in view is the boundary that is followed, and how near it is. Pure."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.compiled import compiled
+from companion.model import HIT, FloatArray, Scan
+
+NOISE_M, SPREAD_RAD = 0.05, math.radians(35.0)
+"""Points this much further than the nearest, and no further round than this, are taken for as near as it."""
+
+
+def nearest(scan: Scan, counts: NDArray[np.bool_]) -> tuple[float, float] | None:
+    """Range and bearing of the nearest HIT of those that count, (n,) bool; None when there is none."""
+    range_m, bearing_rad = _nearest(scan.bearings_rad, scan.ranges_m, (scan.state == HIT) & counts)
+    return (float(range_m), float(bearing_rad)) if np.isfinite(range_m) else None
+
+
+def followed(scan: Scan, gamma: int, half_width_m: float) -> tuple[float, float] | None:
+    """Distance d and bearing α* of the boundary that R3 follows: what is on Γ's side, and what lies ahead.
+
+    The nearest wall of all is another one wherever two walls are near: at the mouth of a niche the post on the other
+    side, and a law that takes it for its own turns back in.
+
+    Args:
+        scan: N(t).
+        gamma: Γ, -1 when the wall to follow is on the right, 1 when on the left.
+        half_width_m: what lies ahead within this of the heading line is in the way, on whichever side it is.
+
+    Returns:
+        As `nearest`.
+    """
+    in_the_way = np.abs(scan.ranges_m * np.sin(scan.bearings_rad)) < half_width_m
+    ahead = np.abs(scan.bearings_rad) < math.pi / 2.0
+    return nearest(scan, (gamma * scan.bearings_rad >= 0.0) | (ahead & in_the_way))
+
+
+@compiled
+def _nearest(bearings: FloatArray, ranges: FloatArray, counts: NDArray[np.bool_]) -> tuple[float, float]:
+    """The least range, and the middle of the bearings about it that are as near but for noise.
+
+    Along a flat wall the range hardly changes about its foot: 2 cm of noise move the nearest single bearing by 11°, and
+    with it the sign of ḋ.
+    """
+    nearest = -1
+    for i in range(bearings.size):
+        if counts[i] and (nearest < 0 or ranges[i] < ranges[nearest]):
+            nearest = i
+    if nearest < 0:
+        return np.inf, 0.0
+    total, count = 0.0, 0
+    for i in range(bearings.size):
+        off = (bearings[i] - bearings[nearest] + np.pi) % (2.0 * np.pi) - np.pi
+        if counts[i] and abs(off) < SPREAD_RAD and ranges[i] <= ranges[nearest] + NOISE_M:
+            total += off
+            count += 1
+    middle = bearings[nearest] + total / count
+    return ranges[nearest], (middle + np.pi) % (2.0 * np.pi) - np.pi

@@ -1,0 +1,71 @@
+"""R3 steers by the wall that it follows and by what lies ahead; the other side only makes it slower."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from companion.control.boundary import followed, nearest
+from companion.model import Measurement, Mode, Scan
+from tests.control.scene import BEARINGS_RAD, measurement, scan_of
+from tests.control.stages import DT_S, ORIGIN, in_boundary, mode_of
+
+HALF_WIDTH_M = 0.8
+
+
+def seen(gamma: int, *posts: tuple[float, float]) -> Scan:
+    """A straight wall at 1 m on the side of Γ, and posts of a few degrees at (x, y), where y > 0 is the other side."""
+    places = [(math.atan2(-gamma * y_m, x_m), math.hypot(x_m, y_m)) for x_m, y_m in posts]
+
+    def range_m(bearing_rad: float) -> float:
+        beside = math.sin(gamma * bearing_rad)
+        found = [1.0 / beside] if beside > 0.2 else []
+        found += [far_m for at_rad, far_m in places if abs(bearing_rad - at_rad) < 0.05]
+        return min(found, default=math.inf)
+
+    return scan_of(range_m)
+
+
+def looking(scan: Scan) -> Measurement:
+    """With d of any side, as it is measured."""
+    found = nearest(scan, np.ones(BEARINGS_RAD.size, np.bool_))
+    assert found is not None
+    return measurement(scan, d_m=found[0], d_bearing_rad=found[1], d_front_m=found[0], d_dot_mps=0.0)
+
+
+@pytest.mark.parametrize("gamma", [-1, 1])
+@pytest.mark.parametrize("post", [(0.0, 0.85), (0.4, 0.85), (-0.6, 0.5)])
+def test_a_post_on_the_other_side_is_not_the_wall_that_is_followed(gamma: int, post: tuple[float, float]) -> None:
+    """Protects from niches: at the mouth the other post was nearest, and the vehicle turned back in, 23 times."""
+    found = followed(seen(gamma, post), gamma, HALF_WIDTH_M)
+    assert found == pytest.approx((1.0, gamma * math.pi / 2.0), abs=0.03)
+
+
+@pytest.mark.parametrize("gamma", [-1, 1])
+def test_what_lies_in_the_way_counts_on_whichever_side_it_is(gamma: int) -> None:
+    """Protects from flying at a post because it stands a little to the other side."""
+    found = followed(seen(gamma, (0.7, 0.5)), gamma, HALF_WIDTH_M)
+    assert found is not None
+    assert found[0] == pytest.approx(math.hypot(0.7, 0.5), abs=0.03)
+
+
+def test_nothing_to_follow_is_none() -> None:
+    """Protects from a wall that is not there: then it flies straight on, and R3 ends after a while."""
+    assert followed(scan_of(lambda _: math.inf), 1, HALF_WIDTH_M) is None
+    assert followed(seen(-1), 1, HALF_WIDTH_M) is None, "only the other side has a wall, beside"
+
+
+@pytest.mark.parametrize("gamma", [-1, 1])
+def test_beside_another_wall_the_yaw_rate_is_the_one_of_the_followed_wall(gamma: int) -> None:
+    """Protects the way out of a niche: with d of any side and the sign of one it turns towards the wrong wall."""
+    rates = []
+    for scan in (seen(gamma), seen(gamma, (0.1, 0.86))):
+        navigator = in_boundary(gamma)
+        pose = replace(ORIGIN, vx_mps=0.5)
+        rates.append(navigator.step(looking(scan), pose, DT_S).yaw_rate_radps)
+        assert mode_of(navigator) is Mode.BOUNDARY
+    assert rates[0] == pytest.approx(rates[1], abs=1e-6)
+    assert abs(rates[0]) < 0.1
