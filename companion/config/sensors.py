@@ -99,6 +99,11 @@ class CameraSettings(Section):
             mount_pitch_rad=math.radians(self.mount_pitch_deg),
         )
 
+    def elevations_rad(self) -> tuple[float, float]:
+        """The lowest and the highest direction that it sees, upward positive, on a vehicle that hovers level."""
+        half_rad, down_rad = math.radians(self.vertical_fov_deg) / 2.0, math.radians(self.mount_pitch_deg)
+        return -half_rad - down_rad, half_rad - down_rad
+
 
 class BeamSettings(Section):
     """Single-beam rangefinders along the body axes."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,9 @@ from companion.errors import InputError
 from sitl.mines.model import World
 from sitl.scene.raycast import RayCaster
 from sitl.scene.surface import Array, Points, Surroundings, grouped, surface_samples, triangle_areas
+
+EVERYWHERE = (-math.pi / 2.0, math.pi / 2.0)
+"""From straight down to straight up."""
 
 _STEP_M = 0.5
 _LEAST_ROOF_M = 0.3
@@ -65,6 +69,7 @@ class Truth:
         max_range_m: float,
         step_m: float = _STEP_M,
         start_margin_m: float | None = None,
+        elevations_rad: tuple[float, float] = EVERYWHERE,
     ) -> Truth:
         """The truth for a vehicle that starts at ``start_xyz`` and flies ``height_m`` above ground.
 
@@ -79,6 +84,7 @@ class Truth:
             step_m: side of the grid on which S is sought. It finds passages that are wider than twice ``margin_m`` by
                 1.5 steps, whatever their direction.
             start_margin_m: the margin at the start itself, if the start lies nearer to a wall.
+            elevations_rad: the lowest and the highest direction in which the camera sees.
 
         Raises:
             InputError: the start is not part of S: too near to a wall or to the roof, or not above a floor.
@@ -91,7 +97,7 @@ class Truth:
                 f"has not {margin_m if start_margin_m is None else start_margin_m:.2f} m of room to every side"
             )
         samples, areas = surface_samples(world, voxel_m, Surroundings.of(surface, max_range_m))
-        seen = visible_samples(caster, samples, surface, max_range_m)
+        seen = visible_samples(caster, samples, surface, max_range_m, elevations_rad)
         share = float(areas[seen].sum(dtype=np.float64) / triangle_areas(world).sum())
         return cls(samples[seen], areas[seen], share, surface, len(surface) * step_m**2)
 
@@ -207,14 +213,21 @@ def horizontal_clearance(caster: RayCaster, points: Array, half_height_m: float,
     return np.concatenate(clearances) if clearances else np.empty(0, dtype=np.float32)
 
 
-def visible_samples(caster: RayCaster, samples: Points, surface_points: Array, max_range_m: float) -> NDArray[np.bool_]:
-    """Which samples can be seen from the traveling surface, looking in all directions out to ``max_range_m``.
+def visible_samples(
+    caster: RayCaster,
+    samples: Points,
+    surface_points: Array,
+    max_range_m: float,
+    elevations_rad: tuple[float, float] = EVERYWHERE,
+) -> NDArray[np.bool_]:
+    """Which samples can be seen from the traveling surface, turning all round and looking out to ``max_range_m``.
 
     Args:
         caster: casts rays in the world.
         samples: (n, 3) points on the world's surface.
         surface_points: (k, 3) points of S.
         max_range_m: how far the camera sees.
+        elevations_rad: the lowest and the highest direction in which it sees, of a vehicle that hovers level.
 
     Returns:
         (n,) bool. Each sample is looked at from some points of S only; at most 2 in 1000 visible ones are lost by that.
@@ -234,7 +247,9 @@ def visible_samples(caster: RayCaster, samples: Points, surface_points: Array, m
         source = viewpoints[group[tried], look]
         ways = samples[tried] - surface_points[source]
         lengths_m = np.linalg.norm(ways, axis=1)
-        near = lengths_m <= max_range_m
+        rises = ways[:, 2] / np.maximum(lengths_m, 1e-9)
+        in_view = (rises >= math.sin(elevations_rad[0])) & (rises <= math.sin(elevations_rad[1]))
+        near = (lengths_m <= max_range_m) & in_view
         tried, source = tried[near], source[near]
         ends = samples[tried] - ways[near] * np.minimum(_STOP_M / lengths_m[near], 1.0)[:, None]
         visible[tried[~caster.blocked(surface_points[source], ends)]] = True

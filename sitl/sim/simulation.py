@@ -75,6 +75,8 @@ class Simulation:
             settings.mapping.max_range_m,
             step_m=SURFACE_STEP_M,
             start_margin_m=settings.control.critical_margin_m,
+            # Roofs that the camera never looks up to would leave every map of a high mine incomplete for ever.
+            elevations_rad=settings.sensors.camera.elevations_rad(),
         )
         self.flights = tuple(
             Flight(number, world, self.caster, settings, start, flight_seed)

@@ -235,7 +235,24 @@ def test_a_camera_sees_as_far_as_it_does_and_no_further() -> None:
     np.testing.assert_array_equal(seen, np.linalg.norm(samples - eye, axis=1) <= 5.0)
 
 
-def test_looking_from_some_points_finds_what_looking_from_all_of_them_finds() -> None:
+def test_a_camera_sees_no_higher_and_no_lower_than_it_looks() -> None:
+    """Protects "complete": a roof right above, which no flight of a camera that looks ahead can ever map, is no part.
+
+    From one point 1 m above the floor of a high chamber, 28° up and 28° down.
+    """
+    world = box((0, 0, 0), (12, 6, 9))
+    samples, _areas = surface_samples(world, 0.2)
+    eye = np.array([[2.0, 3.0, 1.0]])
+    rad = math.radians(28.0)
+    seen = visible_samples(RayCaster(world), samples, eye, max_range_m=20.0, elevations_rad=(-rad, rad))
+    rise_m = samples[:, 2] - 1.0
+    far_m = np.linalg.norm(samples[:, :2] - eye[:, :2], axis=1)
+    np.testing.assert_array_equal(seen, np.abs(rise_m) <= far_m * math.tan(rad))
+    assert 0.2 < seen.mean() < 0.8
+
+
+@pytest.mark.parametrize("fov_deg", [180.0, 57.0])
+def test_looking_from_some_points_finds_what_looking_from_all_of_them_finds(fov_deg: float) -> None:
     """Against every pair of sample and point of S, in a chamber with four pillars that nearly reach the roof.
 
     One in a thousand may be lost, a tenth of the 1 % by which the time to completeness is defined.
@@ -244,9 +261,12 @@ def test_looking_from_some_points_finds_what_looking_from_all_of_them_finds() ->
     caster = RayCaster(world)
     surface = traveling_surface(caster, (1.0, 1.0, 1.2), height_m=1.2, margin_m=0.9)
     samples, _areas = surface_samples(world, 0.2)
-    found = visible_samples(caster, samples, surface, max_range_m=4.0)
+    half_rad = math.radians(fov_deg) / 2.0
+    found = visible_samples(caster, samples, surface, max_range_m=4.0, elevations_rad=(-half_rad, half_rad))
 
-    which, source = np.nonzero(np.linalg.norm(samples[:, None] - surface[None], axis=2) <= 4.0)
+    lengths_m = np.linalg.norm(samples[:, None] - surface[None], axis=2)
+    rises = np.abs(samples[:, None, 2] - surface[None, :, 2]) / lengths_m
+    which, source = np.nonzero((lengths_m <= 4.0) & (rises <= math.sin(half_rad)))
     ways = samples[which] - surface[source]
     ends = samples[which] - ways * (0.02 / np.linalg.norm(ways, axis=1))[:, None]
     exhaustive = np.zeros(len(samples), dtype=bool)
