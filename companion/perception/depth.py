@@ -9,14 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled
-from companion.geometry import camera_to_level, pixel_tangents
 from companion.model import CLEAR, HIT, UNKNOWN, DepthFrame, FloatArray
-from companion.perception.ground import SECTORS, View, ground_at, ground_profiles
+from companion.perception.ground import SECTORS, ground_at, ground_profiles
 from companion.perception.look import Look
-
-POOLED_WIDTH_PX = 160
-"""Images wider than twice this are reduced by taking the nearest pixel of each block: the bins are a degree wide, so
-finer pixels cost time and tell nothing, and the nearest of a block never overlooks an obstacle."""
+from companion.perception.view import View
 
 AGREE_M = 0.3
 """A bin is HIT by two points whose ranges differ by no more than this: a single one is a flying pixel."""
@@ -33,41 +29,15 @@ class Slab:
     max_ground_slope: float
 
 
-def pool_nearest(depth_m: NDArray[np.float32], pool: int) -> NDArray[np.float32]:
-    """The nearest measured depth of each pool x pool block; NaN where the whole block is NaN."""
-    if pool == 1:
-        return depth_m
-    return np.asarray(_pool_nearest(depth_m, pool))
-
-
-@compiled
-def _pool_nearest(depth: NDArray[np.float32], pool: int) -> NDArray[np.float32]:
-    height, width = depth.shape[0] // pool, depth.shape[1] // pool
-    out = np.full((height, width), np.float32(np.inf), np.float32)
-    for v in range(height * pool):
-        row = out[v // pool]
-        for u in range(width * pool):
-            z = depth[v, u]
-            # A NaN compares false, so it never replaces a measurement.
-            if z < row[u // pool]:
-                row[u // pool] = z
-    for v in range(height):
-        for u in range(width):
-            if out[v, u] == np.inf:
-                block = depth[v * pool : (v + 1) * pool, u * pool : (u + 1) * pool]
-                if not np.any(block == np.inf):
-                    out[v, u] = np.nan
-    return out
-
-
-def look_ahead(frame: DepthFrame, h_m: float, slab: Slab, bins: int) -> tuple[Look, float | None]:
+def look_ahead(view: View, frame: DepthFrame, h_m: float, slab: Slab, bins: int) -> tuple[Look, float | None]:
     """What a depth image says about the flying height, and the slope of the ground ahead.
 
     The slab is as thick as the body plus a margin and lies where the height above the local ground is h (on flat
     ground: the horizontal plane of paper Definition 3.8).
 
     Args:
-        frame: the image, with the pose at its exposure.
+        view: the image, levelled.
+        frame: the same as it came, with the pose at its exposure.
         h_m: height above ground at that time.
         slab: its thickness and steepest slope.
         bins: bearings of the scan.
@@ -75,15 +45,6 @@ def look_ahead(frame: DepthFrame, h_m: float, slab: Slab, bins: int) -> tuple[Lo
     Returns:
         The look, and rise over run of the ground ahead (None where no ground was seen).
     """
-    camera = frame.camera
-    pool = max(1, camera.width_px // POOLED_WIDTH_PX)
-    view = View(
-        pool_nearest(frame.depth_m, pool),
-        *pixel_tangents(camera, pool),
-        *camera_to_level(camera, frame.pose),
-        camera.min_range_m,
-        camera.max_range_m,
-    )
     profile, seen = ground_profiles(view, h_m, slab.max_ground_slope)
     ranges, state, covered = _slab(view, profile, h_m, slab.half_height_m, bins)
     slope: float | None = None
@@ -92,7 +53,7 @@ def look_ahead(frame: DepthFrame, h_m: float, slab: Slab, bins: int) -> tuple[Lo
         slope = max(-slab.max_ground_slope, min(slab.max_ground_slope, (ahead + h_m) / SLOPE_LOOK_M))
         slope = slope if math.isfinite(slope) else None
     pose = frame.pose
-    look = Look(frame.t_s, pose.x_m, pose.y_m, pose.yaw_rad, ranges, state, covered, camera.max_range_m)
+    look = Look(frame.t_s, pose.x_m, pose.y_m, pose.yaw_rad, ranges, state, covered, view.max_range_m)
     return look, slope
 
 

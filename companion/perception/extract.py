@@ -30,6 +30,7 @@ from companion.perception.depth import Slab, look_ahead
 from companion.perception.look import Look, bin_bearings, planar_look
 from companion.perception.rangefinders import Beams
 from companion.perception.scan_memory import ScanMemory
+from companion.perception.view import view_of
 from companion.sides import NOTHING_AROUND, Side, Sides
 
 POSE_STALE_S = 0.3
@@ -40,6 +41,9 @@ FARTHEST_GROUND_M = 100.0
 
 AHEAD_MARGIN_M = 0.1
 """Added to the body's radius on either side: less beside the propellers is no room to fly through."""
+
+BODY_MARGIN_M = 0.1
+"""Added above and below the body: what is remembered so near to its height is in its way."""
 
 LOOK_M = 5.0
 """A bearing looks along the way when it is still within the width this far out: the bearings beside leave it sooner."""
@@ -63,7 +67,9 @@ class Extractor:
         self._half_width_m = vehicle.body_radius_m + AHEAD_MARGIN_M
         self._slab = Slab(vehicle.body_height_m / 2.0 + settings.scan.slab_margin_m, settings.scan.max_ground_slope)
         self._bearings_rad = bin_bearings(settings.scan.bins)
-        self._memory = ScanMemory(settings.scan.memory_age_s, settings.scan.memory_distance_m)
+        self._memory = ScanMemory(
+            settings.scan.memory_age_s, settings.scan.memory_distance_m, vehicle.body_height_m / 2.0 + BODY_MARGIN_M
+        )
         self._ahead: Look | None = None
         self._ground_slope: float | None = None
         self._around: Look | None = None
@@ -79,14 +85,15 @@ class Extractor:
             h_then_m = h_m + observation.frame.pose.z_m - pose.z_m
             # A jump of the estimate can put the vehicle below the ground: that frame says nothing.
             if 0.0 < h_then_m < FARTHEST_GROUND_M:
+                view, then = view_of(observation.frame), observation.frame.pose
                 self._ahead, self._ground_slope = look_ahead(
-                    observation.frame, h_then_m, self._slab, self._settings.scan.bins
+                    view, observation.frame, h_then_m, self._slab, self._settings.scan.bins
                 )
-                self._remember(self._ahead)
+                self._memory.remember_view(view, then, self._settings.scan.memory_look_m, observation.frame.t_s)
                 self._approach(self._ahead, 0, (Beam.FRONT,))
         if observation.planar is not None and observation.planar.pose.is_finite:
             self._around = planar_look(observation.planar, self._settings.scan.bins)
-            self._remember(self._around)
+            self._remember(self._around, observation.planar.pose.z_m)
             self._approach(self._around, 1, _SIDEWAYS)
         known = [look for look in (self._ahead, self._around) if look is not None and look.t_s <= t_s]
         looks = [look for look in known if t_s - look.t_s <= self._settings.scan.stale_after_s]
@@ -148,9 +155,9 @@ class Extractor:
                 found[side] = Side(remembered_m, closing_mps)
         return Sides(*found.values())
 
-    def _remember(self, look: Look) -> None:
+    def _remember(self, look: Look, z_m: float) -> None:
         hits = (look.state == HIT) & (look.ranges_m <= self._settings.scan.memory_look_m)
-        pose = Pose(look.t_s, look.x_m, look.y_m, 0.0, look.yaw_rad)
+        pose = Pose(look.t_s, look.x_m, look.y_m, z_m, look.yaw_rad)
         self._memory.remember(pose, self._bearings_rad[hits], look.ranges_m[hits], look.t_s)
 
     def _scan(self, looks: Sequence[Look], pose: Pose, t_s: float) -> tuple[Scan, FloatArray]:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled
+from companion.perception.view import View
 
 SECTORS = 12
 """Ground profiles side by side over the image: each is narrow enough for a drift that branches off to have its own."""
@@ -30,28 +29,6 @@ rise that much within a cell."""
 
 WALL_POINTS = 4
 """As many of them end the ground: beyond a wall there is none, and its upper part must not be taken for a ramp."""
-
-
-class View(NamedTuple):
-    """A depth image, and what places its pixels about the vehicle.
-
-    Attributes:
-        depth_m: (height, width) along the optical axis, NaN where not measured.
-        left: (width,) left component of the pixel rays per unit of depth.
-        up: (height,) their up component.
-        to_level: (3, 3) rotation from the camera to the levelled body frame.
-        offset_m: (3,) position of the camera in that frame.
-        min_range_m: depth below this was not measured.
-        max_range_m: depth at or beyond this is free space.
-    """
-
-    depth_m: NDArray[np.float32]
-    left: NDArray[np.float64]
-    up: NDArray[np.float64]
-    to_level: NDArray[np.float64]
-    offset_m: NDArray[np.float64]
-    min_range_m: float
-    max_range_m: float
 
 
 @compiled

@@ -1,21 +1,29 @@
-"""The scan memory: obstacle points of the last metres, so that the wall beside the vehicle is known as a curve.
+"""The scan memory: rock of the last metres, in space, so that the wall beside the vehicle is known as a curve.
 
 Between the edge of the camera's view and the side beams nobody looks, and a corner that is being rounded lies there.
+Points are kept at every height that the camera sees: the vehicle climbs and sinks within the time that they count, and
+rock that lay below it is beside it then.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled
 from companion.model import ABSURD, HIT, UNKNOWN, FloatArray, Pose, Scan
+from companion.perception.view import View
 
-CELL_M = 0.1
+CELL_M, LEVEL_M = 0.1, 0.2
 """One point a cell is kept, the newest: the memory is bounded however long the flight."""
 
-CELLS = 128
-"""Cells along each side of the grid, which wraps round: 12.8 m, so points within 6.4 m of the vehicle fit."""
+CELLS, LEVELS = 128, 32
+"""Cells along each side of the grid and upward. It wraps round: what is within 6.4 m of the vehicle fits."""
+
+REACH_S = 1.0
+"""A vehicle that climbs or sinks is as high as that wherever it gets to within this time."""
 
 RECENT_S = 3.0
 """What was seen in the last seconds is where it was seen, even by a position that drifts."""
@@ -31,61 +39,78 @@ class ScanMemory:
 
     Args:
         max_age_s: age at which a point expires; 0 remembers nothing.
-        max_distance_m: distance from the vehicle at which it expires, at most half the grid.
+        max_distance_m: distance from the vehicle in the plane at which it expires, at most half the grid.
+        half_height_m: points so much above or below the vehicle are in its way.
     """
 
-    def __init__(self, max_age_s: float, max_distance_m: float) -> None:
+    def __init__(self, max_age_s: float, max_distance_m: float, half_height_m: float) -> None:
         self._max_age_s = max_age_s
         self._max_distance_m = min(max_distance_m, CELLS * CELL_M / 2.0)
-        self._points = np.zeros((CELLS, CELLS, 2))
-        self._seen_s = np.full((CELLS, CELLS), -np.inf)
+        self._half_height_m = half_height_m
+        self._points = np.zeros((LEVELS, CELLS, CELLS, 4))  # x, y, lowest and highest z
+        self._seen_s = np.full((LEVELS, CELLS, CELLS), -np.inf)
+        self._once_s = np.full((LEVELS, CELLS, CELLS), -np.inf)
 
     def remember(self, pose: Pose, bearings_rad: FloatArray, ranges_m: FloatArray, t_s: float) -> None:
-        """Add obstacle points given in polar coordinates about a pose."""
-        if self._max_age_s > 0.0:
-            _remember(
-                self._points,
-                self._seen_s,
-                pose.x_m,
-                pose.y_m,
-                pose.yaw_rad,
-                bearings_rad,
-                ranges_m,
-                t_s,
-                self._max_distance_m,
-            )
+        """Add obstacle points at the vehicle's own height, given in polar coordinates about a pose."""
+        if self._max_age_s > 0.0 and pose.is_finite:
+            where = pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad
+            _remember(self._points, self._seen_s, where, bearings_rad, ranges_m, t_s, self._max_distance_m)
+
+    def remember_view(self, view: View, pose: Pose, look_m: float, t_s: float) -> None:
+        """Add what a depth image shows nearer than ``look_m``, at whatever height.
+
+        A cell counts from its second pixel on: a single one is a flying pixel.
+        """
+        if self._max_age_s > 0.0 and pose.is_finite:
+            where = pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad
+            reach_m = min(look_m, self._max_distance_m)
+            _remember_view(self._points, self._seen_s, self._once_s, where, view, t_s, reach_m)
 
     def recall(self, scan: Scan, pose: Pose, t_s: float) -> FloatArray:
         """Fill the bearings of ``scan`` of which nothing was learnt just now with remembered points, in place.
 
+        Of those at the heights where the vehicle is, and gets to within `REACH_S`.
+
         Returns:
             (n,) the nearest point of the last `RECENT_S` at each bearing; infinite where there is none.
         """
-        return _recall(
-            self._points,
-            self._seen_s,
-            scan,
-            pose.x_m,
-            pose.y_m,
-            pose.yaw_rad,
-            t_s,
-            self._max_age_s,
-            self._max_distance_m,
+        climb_m = pose.vz_mps * REACH_S if math.isfinite(pose.vz_mps) else 0.0
+        low_m = pose.z_m - self._half_height_m + min(0.0, climb_m)
+        high_m = pose.z_m + self._half_height_m + max(0.0, climb_m)
+        return np.asarray(
+            _recall(
+                self._points,
+                self._seen_s,
+                scan,
+                (pose.x_m, pose.y_m, pose.yaw_rad),
+                (low_m, high_m),
+                t_s,
+                (self._max_age_s, self._max_distance_m),
+            )
         )
+
+
+@compiled
+def _cell(x_m: float, y_m: float, z_m: float) -> tuple[int, int, int]:
+    return (
+        int(np.floor(z_m / LEVEL_M)) % LEVELS,
+        int(np.floor(y_m / CELL_M)) % CELLS,
+        int(np.floor(x_m / CELL_M)) % CELLS,
+    )
 
 
 @compiled
 def _remember(
     points: NDArray[np.float64],
     seen: NDArray[np.float64],
-    x_m: float,
-    y_m: float,
-    yaw_rad: float,
+    where: tuple[float, float, float, float],
     bearings: FloatArray,
     ranges: FloatArray,
     t_s: float,
     max_distance_m: float,
 ) -> None:
+    x_m, y_m, z_m, yaw_rad = where
     for i in range(bearings.size):
         if not ranges[i] <= max_distance_m:
             continue
@@ -94,11 +119,47 @@ def _remember(
         # A reading taken while the pose was no number has no place; kept, its NaN would become an index.
         if not (abs(x) < ABSURD and abs(y) < ABSURD):
             continue
-        row = int(np.floor(y / CELL_M)) % CELLS
-        column = int(np.floor(x / CELL_M)) % CELLS
-        points[row, column, 0] = x
-        points[row, column, 1] = y
-        seen[row, column] = t_s
+        cell = _cell(x, y, z_m)
+        points[cell][0], points[cell][1], points[cell][2], points[cell][3] = x, y, z_m, z_m
+        seen[cell] = t_s
+
+
+@compiled
+def _remember_view(
+    points: NDArray[np.float64],
+    seen: NDArray[np.float64],
+    once: NDArray[np.float64],
+    where: tuple[float, float, float, float],
+    view: View,
+    t_s: float,
+    max_distance_m: float,
+) -> None:
+    depth, left, up, to_level, offset_m, min_range_m, max_range_m = view
+    x_m, y_m, z_m, yaw_rad = where
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    for v in range(depth.shape[0]):
+        for u in range(depth.shape[1]):
+            far = depth[v, u]
+            if not (far >= min_range_m and far < max_range_m):
+                continue
+            ahead = offset_m[0] + far * (to_level[0, 0] + to_level[0, 1] * left[u] + to_level[0, 2] * up[v])
+            beside = offset_m[1] + far * (to_level[1, 0] + to_level[1, 1] * left[u] + to_level[1, 2] * up[v])
+            if ahead * ahead + beside * beside > max_distance_m * max_distance_m:
+                continue
+            x = x_m + ahead * cos - beside * sin
+            y = y_m + ahead * sin + beside * cos
+            z = z_m + offset_m[2] + far * (to_level[2, 0] + to_level[2, 1] * left[u] + to_level[2, 2] * up[v])
+            if not (abs(x) < ABSURD and abs(y) < ABSURD and abs(z) < ABSURD):
+                continue
+            cell = _cell(x, y, z)
+            point = points[cell]
+            if once[cell] == t_s:
+                point[0], point[1], point[2], point[3] = x, y, min(point[2], z), max(point[3], z)
+                seen[cell] = t_s
+            elif seen[cell] != t_s:
+                # What is known of the cell stays until there is a second pixel, but for its height.
+                point[2], point[3] = z, z
+            once[cell] = t_s
 
 
 @compiled
@@ -127,42 +188,49 @@ def _recall(
     points: NDArray[np.float64],
     seen: NDArray[np.float64],
     scan: Scan,
-    x_m: float,
-    y_m: float,
-    yaw_rad: float,
+    where: tuple[float, float, float],
+    heights: tuple[float, float],
     t_s: float,
-    max_age_s: float,
-    max_distance_m: float,
+    bounds: tuple[float, float],
 ) -> FloatArray:
     _, ranges, state, fresh = scan
+    x_m, y_m, yaw_rad = where
+    low_m, high_m = heights
+    max_age_s, max_distance_m = bounds
     bins = ranges.size
     recent = np.full(bins, np.inf)
     scale = bins / (2.0 * np.pi)
     # What was looked at, before anything that is remembered is put into it.
     looked, looked_state, looked_at = ranges.copy(), state.copy(), fresh.copy()
-    for row in range(CELLS):
-        for column in range(CELLS):
-            age = t_s - seen[row, column]
-            if age > max_age_s:
-                continue
-            dx = points[row, column, 0] - x_m
-            dy = points[row, column, 1] - y_m
-            distance = np.sqrt(dx * dx + dy * dy)
-            if distance > max_distance_m:
-                seen[row, column] = -np.inf
-                continue
-            bearing = (np.arctan2(dy, dx) - yaw_rad + np.pi) % (2.0 * np.pi)
-            b = min(bins - 1, int(bearing * scale))
-            if looked_at[b] and looked_state[b] != UNKNOWN:
-                if _is_seen_through(distance, _looked_range(looked, looked_state, looked_at, b)):
-                    seen[row, column] = -np.inf
+    first = int(np.floor(low_m / LEVEL_M))
+    last = min(int(np.floor(high_m / LEVEL_M)), first + LEVELS - 1)
+    for step in range(first, last + 1):
+        level = step % LEVELS
+        for row in range(CELLS):
+            for column in range(CELLS):
+                age = t_s - seen[level, row, column]
+                if age > max_age_s:
                     continue
-                if not _is_seen_through(distance, looked[b]):
+                dx = points[level, row, column, 0] - x_m
+                dy = points[level, row, column, 1] - y_m
+                distance = np.sqrt(dx * dx + dy * dy)
+                if distance > max_distance_m:
+                    seen[level, row, column] = -np.inf
                     continue
-            if age <= RECENT_S:
-                recent[b] = min(recent[b], distance)
-            if state[b] != HIT or distance < ranges[b]:
-                ranges[b] = distance
-                state[b] = HIT
-                fresh[b] = False
+                if points[level, row, column, 2] > high_m or points[level, row, column, 3] < low_m:
+                    continue
+                bearing = (np.arctan2(dy, dx) - yaw_rad + np.pi) % (2.0 * np.pi)
+                b = min(bins - 1, int(bearing * scale))
+                if looked_at[b] and looked_state[b] != UNKNOWN:
+                    if _is_seen_through(distance, _looked_range(looked, looked_state, looked_at, b)):
+                        seen[level, row, column] = -np.inf
+                        continue
+                    if not _is_seen_through(distance, looked[b]):
+                        continue
+                if age <= RECENT_S:
+                    recent[b] = min(recent[b], distance)
+                if state[b] != HIT or distance < ranges[b]:
+                    ranges[b] = distance
+                    state[b] = HIT
+                    fresh[b] = False
     return recent

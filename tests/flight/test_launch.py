@@ -151,8 +151,9 @@ def test_the_warm_up_leaves_nothing_of_the_tick_to_compile() -> None:
         # Compiled as parts of others, never called from Python.
         "companion.control.known_ground _has_room",
         "companion.perception.ground _line_was_seen",
+        "companion.perception.scan_memory _cell",
         "companion.perception.scan_memory _is_seen_through",
         "companion.perception.scan_memory _looked_range",
         # Larger images only: these settings' camera has none to reduce.
-        "companion.perception.depth _pool_nearest",
+        "companion.perception.view _pool_nearest",
     }

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from companion.config.sensors import CameraSettings
 from companion.model import CLEAR, HIT, UNKNOWN, Camera, DepthFrame, Pose
-from companion.perception.depth import AGREE_M, Slab, look_ahead, pool_nearest
+from companion.perception.depth import AGREE_M, Slab, look_ahead
 from companion.perception.look import Look, bin_bearings
+from companion.perception.view import pool_nearest, view_of
 from tests.perception.scenes import (
     AT_START,
     BINS,
@@ -53,11 +54,11 @@ TILTS = list(itertools.product((-10.0, 0.0, 10.0), repeat=2))
 
 
 def look(image: DepthFrame, slab: Slab = SLAB, h_m: float = H_M) -> Look:
-    return look_ahead(image, h_m, slab, BINS)[0]
+    return look_ahead(view_of(image), image, h_m, slab, BINS)[0]
 
 
 def slope(image: DepthFrame, slab: Slab = SLAB) -> float | None:
-    return look_ahead(image, H_M, slab, BINS)[1]
+    return look_ahead(view_of(image), image, H_M, slab, BINS)[1]
 
 
 def bin_at(bearing_deg: float) -> int:

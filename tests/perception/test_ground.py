@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from companion.geometry import camera_to_level, pixel_tangents
 from companion.model import DepthFrame
-from companion.perception.ground import SECTORS, STEP_M, STEP_TOLERANCE_M, View, ground_at, ground_profiles
+from companion.perception.ground import SECTORS, STEP_M, STEP_TOLERANCE_M, ground_at, ground_profiles
+from companion.perception.view import View
 from tests.perception.scenes import AT_START, CAMERA, FLOOR, H_M, ROOF, Surface, frame, ramp, tilted, wall_ahead
 
 MAX_SLOPE = 0.7

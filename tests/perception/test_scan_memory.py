@@ -20,6 +20,7 @@ BEARINGS = bin_bearings(BINS)
 HALF_BIN_RAD = math.pi / BINS
 MAX_AGE_S = 60.0
 MAX_DISTANCE_M = 5.0
+HALF_HEIGHT_M = 0.25
 ROUNDING = 1e-9
 """Sums of a few doubles of up to a thousand."""
 
@@ -31,7 +32,7 @@ angles = st.floats(-math.pi, math.pi, exclude_max=True)
 
 
 def memory() -> ScanMemory:
-    return ScanMemory(MAX_AGE_S, MAX_DISTANCE_M)
+    return ScanMemory(MAX_AGE_S, MAX_DISTANCE_M, HALF_HEIGHT_M)
 
 
 def at(x_m: float, y_m: float, yaw_rad: float = 0.0) -> Pose:
@@ -223,14 +224,14 @@ def test_one_turn_of_the_grid_away_nothing_is_mistaken_for_the_old_place(away: t
 @pytest.mark.parametrize(("longest_m", "range_m", "known"), [(5.0, 4.9, True), (5.0, 5.1, False), (100.0, 6.5, False)])
 def test_only_what_is_near_enough_is_remembered(longest_m: float, range_m: float, known: bool) -> None:
     """Protects the grid from points that would be taken for ones on its other side: half of it is the most."""
-    there = ScanMemory(MAX_AGE_S, longest_m)
+    there = ScanMemory(MAX_AGE_S, longest_m, HALF_HEIGHT_M)
     remember(there, at(0.0, 0.0), 0.5, range_m)
     assert (recalled(there, at(0.0, 0.0)).state == HIT).any() == known
 
 
 def test_without_age_nothing_is_remembered() -> None:
     """Protects the setting memory_age_s = 0, even for the tick of the look itself."""
-    there = ScanMemory(0.0, MAX_DISTANCE_M)
+    there = ScanMemory(0.0, MAX_DISTANCE_M, HALF_HEIGHT_M)
     remember(there, at(0.0, 0.0), 0.5, 2.0)
     scan = recalled(there, at(0.0, 0.0))
     assert (scan.state == UNKNOWN).all()

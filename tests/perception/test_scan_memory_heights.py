@@ -1,0 +1,101 @@
+"""Rock is in space: what lay below the vehicle when it was seen is beside it when it has sunk."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from companion.model import HIT, Pose
+from companion.perception.extract import BODY_MARGIN_M
+from companion.perception.scan_memory import LEVEL_M, LEVELS, REACH_S, ScanMemory
+from companion.perception.view import view_of
+from tests.perception.observations import BEARINGS, DOWN, VEHICLE, extractor, later, observed, scan_of
+from tests.perception.scenes import AT_START, FLOOR, ROOF, Surface, board, frame
+
+HALF_M = VEHICLE.body_height_m / 2.0 + BODY_MARGIN_M
+BLOCK_M = 0.9
+"""The top of a block on the floor, 0.6 m below a vehicle that flies 1.5 m above it."""
+
+
+def block(x_m: float = 2.0) -> Surface:
+    """A ledge along the way on the left, from the floor to `BLOCK_M`."""
+    return board(x_m, 0.6, 0.8, high_m=BLOCK_M)
+
+
+def nearest_m(vz_mps: float = 0.0, z_m: float = AT_START.z_m) -> float | None:
+    """D beside the block that was seen ahead a moment ago, of a vehicle at that height."""
+    extract = extractor()
+    extract.measure(observed(AT_START, [FLOOR, ROOF, block()], DOWN))
+    pose = later(AT_START, 0.1, x_m=2.0, z_m=z_m, vz_mps=vz_mps)
+    return extract.measure(observed(pose, [FLOOR, ROOF], DOWN)).d_m
+
+
+def test_who_sinks_beside_a_block_that_it_flew_above_sees_it() -> None:
+    """Protects the body: the slab in which the block was no obstacle lay 0.6 m higher."""
+    assert nearest_m() is None, "so high it is none"
+    for z_m in (1.1, 0.9, 0.7):
+        assert nearest_m(z_m=z_m) == pytest.approx(0.2, abs=0.06), z_m
+
+
+def test_who_is_about_to_sink_beside_it_sees_it_as_well() -> None:
+    """Protects the reaction: the way down takes less time than braking."""
+    assert nearest_m(vz_mps=-0.35, z_m=1.5) is None
+    assert nearest_m(vz_mps=-0.4, z_m=1.5) == pytest.approx(0.2, abs=0.06), "to 1.1 m, the margin below included"
+    assert nearest_m(vz_mps=0.4, z_m=1.5) is None, "up and away"
+    assert pytest.approx(1.5 - HALF_M - 0.35 * REACH_S) == BLOCK_M
+
+
+def memory() -> ScanMemory:
+    return ScanMemory(60.0, 5.0, HALF_M)
+
+
+def recalled(there: ScanMemory, pose: Pose) -> list[float]:
+    measured = scan_of(extractor().measure(observed(pose, [FLOOR, ROOF], DOWN)))
+    scan = measured._replace(state=np.zeros_like(measured.state), fresh=np.zeros_like(measured.fresh))
+    there.recall(scan, pose, pose.t_s)
+    return [float(range_m) for range_m in scan.ranges_m[scan.state == HIT]]
+
+
+def test_floor_and_roof_are_no_walls() -> None:
+    """Protects every flight: the camera sees them all the time, and the vehicle flies between them."""
+    there = memory()
+    there.remember_view(view_of(frame([FLOOR, ROOF])), AT_START, 5.0, 0.0)
+    assert recalled(there, AT_START) == []
+    assert recalled(there, later(AT_START, 0.0, z_m=0.1)) != [], "on the floor it is in the way"
+
+
+def test_a_single_pixel_is_nothing() -> None:
+    """Protects from flying pixels: what stands there shows in two pixels of a cell at least."""
+    image = frame([FLOOR, ROOF])
+    image.depth_m[60, 80] = 2.0
+    there = memory()
+    there.remember_view(view_of(image), AT_START, 5.0, 0.0)
+    assert recalled(there, AT_START) == []
+    image.depth_m[59:62, 80:82] = 2.0
+    there.remember_view(view_of(image), AT_START, 5.0, 0.2)
+    assert recalled(there, AT_START) == pytest.approx([2.1] * 1, abs=0.01)
+
+
+@pytest.mark.parametrize("up_m", [0.0, LEVELS * LEVEL_M, -3.0 * LEVELS * LEVEL_M])
+def test_heights_wrap_without_mixing(up_m: float) -> None:
+    """Protects ramps of tens of metres: a wall of the level below is not one of this level."""
+    there = memory()
+    pose = later(AT_START, 0.0, z_m=up_m)
+    there.remember(pose, BEARINGS[[200]], np.array([2.0]), 0.0)
+    assert recalled(there, pose) == pytest.approx([2.0])
+    assert recalled(there, later(pose, 0.0, z_m=up_m + LEVELS * LEVEL_M)) == []
+    assert recalled(there, later(pose, 0.0, z_m=up_m + HALF_M + 0.01)) == []
+
+
+@pytest.mark.parametrize("broken", [{"z_m": math.nan}, {"z_m": 1e7}, {"x_m": math.inf}, {"vz_mps": math.nan}])
+def test_a_pose_that_is_none_remembers_and_recalls_nothing_wrong(broken: dict[str, float]) -> None:
+    """Protects the memory from a NaN, which would become an index."""
+    there = memory()
+    pose = later(AT_START, 0.0, **broken)
+    there.remember(pose, BEARINGS[[200]], np.array([2.0]), 0.0)
+    there.remember_view(view_of(frame([FLOOR, block()])), pose, 5.0, 0.0)
+    ranges_m = recalled(there, AT_START)
+    assert all(math.isfinite(range_m) for range_m in ranges_m)
+    assert bool(ranges_m) is ("vz_mps" in broken)
