@@ -80,7 +80,8 @@ def _say_result(console: Console, simulation: Simulation, summary: dict[str, obj
         f"{simulation.wall_time_s:.0f} s of waiting",
         f"map: {simulation.completeness:.2%} of what can be seen, "
         f"{summary['occupied_voxels']} voxels of {summary['voxel_m']} m",
-        f"least distance to a wall: {summary['least_d_m']} m, contacts: {summary['contacts']}",
+        f"least distance to a wall: {summary['least_d_m']} m, contacts: {summary['contacts']}, "
+        f"least clearance of the body: {summary['least_clearance_m']} m",
         f"look at: {folder / 'report.html'}",
     ]
     for line in lines:

@@ -107,6 +107,7 @@ def key_figures(data: ReportData) -> list[Card]:
     summary = data.summary
     completeness, completed_s = number(summary, "completeness"), number(summary, "completed_at_s")
     least_m, contacts = number(summary, "least_d_m"), number(summary, "contacts")
+    clearance_m = number(summary, "least_clearance_m")
     below, precision = number(summary, "time_below_d_s_fraction"), number(summary, "precision")
     accuracy_m, path_m = number(summary, "accuracy_m"), number(summary, "path_length_m")
     sim_s, wall_s = number(summary, "sim_time_s"), number(summary, "wall_time_s")
@@ -126,6 +127,12 @@ def key_figures(data: ReportData) -> list[Card]:
             UNKNOWN if least_m is None else f"{least_m:.2f} m",
             f"d_s is {data.margin_m:g} m, d_c {data.critical_margin_m:g} m; {_percent(below)} of the time below d_s",
             State.PLAIN if least_m is None else State.GOOD if least_m >= data.critical_margin_m else State.LOOK,
+        ),
+        Card(
+            "Least clearance of the body",
+            UNKNOWN if clearance_m is None else f"{clearance_m:.2f} m",
+            "to any rock, above and below too; a contact is where it is 0",
+            State.PLAIN if clearance_m is None else State.GOOD if clearance_m > 0.0 else State.BAD,
         ),
         Card(
             "Accuracy of the map",

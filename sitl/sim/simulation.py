@@ -156,6 +156,7 @@ class Simulation:
             "path_length_m": round(sum(flight.vehicle.path_m for flight in self.flights), 2),
             "contacts": sum(flight.touched for flight in self.flights),
             "least_d_m": _rounded(float(np.min(true_d, initial=math.inf)), 3),
+            "least_clearance_m": _rounded(min(map(self._least_clearance_m, self.flights), default=math.inf), 3),
             "time_below_d_s_fraction": _rounded(_mean(true_d < margin_m), 5),
             "time_below_d_s_minus_15cm_fraction": _rounded(_mean(true_d < margin_m - 0.15), 5),
             "least_distance_between_vehicles_m": _rounded(self.least_apart_m, 3),
@@ -218,6 +219,14 @@ class Simulation:
         """Share of the visible surface, by area: a voxel that a slanted wall only grazes holds little of it."""
         areas = self.truth.sample_areas_m2.astype(np.float64)
         return float(areas[self._found].sum() / areas.sum()) if areas.size else 0.0
+
+    def _least_clearance_m(self, flight: Flight) -> float:
+        """Between the body, the ball of its radius, and any rock, above and below too: a contact is where this is 0."""
+        if len(flight.log.positions_m) == 0:
+            return math.inf
+        pose = flight.vehicle.pose
+        places_m = np.vstack([flight.log.positions_m, [pose.x_m, pose.y_m, pose.z_m]])
+        return float(self.caster.distance(places_m).min()) - self.settings.vehicle.body_radius_m
 
     def _true_distances(self, flight: Flight) -> NDArray[np.float64]:
         """The true least horizontal distance from the centre of the vehicle, over the height of the body."""

@@ -67,6 +67,7 @@ class ContactMonitor:
         self.contacts = 0
         self.first_contact_s: float | None = None
         self.least_d_m = math.inf
+        self.least_clearance_m = math.inf
         self.path_m = 0.0
         self.looks = 0
         self.flying_looks = 0
@@ -132,6 +133,7 @@ class ContactMonitor:
     def _touch(self, pose: Pose, place: np.ndarray) -> None:
         down_m = float(self._caster.cast(place, np.array([[0.0, 0.0, -1.0]]))[0])
         clear_m = float(self._caster.distance(place)[0]) - self._radius_m
+        self.least_clearance_m = min(self.least_clearance_m, clear_m)
         outside = not math.isfinite(down_m)
         if self._touching:
             self._touching = outside or clear_m <= APART_M
@@ -167,6 +169,7 @@ class ContactMonitor:
             "contacts": self.contacts,
             "first_contact_s": None if self.first_contact_s is None else round(self.first_contact_s, 2),
             "least_d_m": round(self.least_d_m, 3) if math.isfinite(self.least_d_m) else None,
+            "least_clearance_m": round(self.least_clearance_m, 3) if math.isfinite(self.least_clearance_m) else None,
             "time_below_d_s_fraction": None if share is None else round(share, 5),
         }
 

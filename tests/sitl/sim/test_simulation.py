@@ -259,6 +259,17 @@ class TestScore:
         assert score["time_below_d_s_fraction"] == pytest.approx(np.mean(recorded < margin_m), abs=5e-6)
         assert np.mean(recorded < margin_m) > 0.0
 
+    def test_the_clearance_is_what_is_left_beside_the_body(self, mission: Simulation, crash: Simulation) -> None:
+        """Protects what no figure showed: rock above and below counts, and a contact is where nothing is left."""
+        (flight,) = mission.flights
+        radius_m = SETTINGS.vehicle.body_radius_m
+        least_m = float(mission.caster.distance(flight.log.positions_m).min()) - radius_m
+        assert mission.score()["least_clearance_m"] == pytest.approx(least_m, abs=0.01)
+        touched_m = crash.score()["least_clearance_m"]
+        assert isinstance(touched_m, float)
+        assert crash.score()["contacts"] == 1
+        assert -0.05 <= touched_m <= 0.0
+
     def test_the_path_is_the_sum_of_the_steps(self, mission: Simulation) -> None:
         """Protects path_length_m, rounded to 1 cm; what is missing in the log is the way of the last tick."""
         (flight,) = mission.flights

@@ -99,6 +99,7 @@ def test_a_wall_within_the_body_is_a_contact_and_counts_once(scene: Scene) -> No
     assert trip.watch.contacts == 2
     assert looks[-1].touching
     assert trip.watch.least_d_m == pytest.approx(0.1, abs=0.01)
+    assert trip.watch.figures()["least_clearance_m"] == pytest.approx(0.1 - RADIUS_M, abs=0.01), "inside of the wall"
 
 
 @pytest.mark.parametrize(
