@@ -84,7 +84,7 @@ def ground_profiles(view: View, h_m: float, max_slope: float) -> tuple[NDArray[n
             elif below < second[sector, cell]:
                 second[sector, cell] = below
     profile = np.empty((SECTORS, cells))
-    seen_ahead = 0
+    seen_cells = np.zeros(SECTORS, np.int32)
     for s in range(SECTORS):
         u = min(width - 1, (2 * s + 1) * width // (2 * SECTORS))
         bx = to_level[0, 0] + to_level[0, 1] * left[u] + to_level[0, 2] * up[height - 1]
@@ -116,13 +116,33 @@ def ground_profiles(view: View, h_m: float, max_slope: float) -> tuple[NDArray[n
                     if between > 0.0:
                         profile[s, k] = known + (second[s, c] - known) * between
                 known_at, known = low_at[s, c], second[s, c]
-                if abs(2 * s + 1 - SECTORS) <= 1:
-                    seen_ahead += 1
+                seen_cells[s] += 1
             # Judged from the ground of this very cell: on a ramp that of the last one may lie far below.
             first_level = int((known + WALL_FROM * h_m + h_m + rise_m) / LEVEL_M)
             last_level = int((known + WALL_TO * h_m + h_m + rise_m) / LEVEL_M)
             walled = points[s, c, max(first_level, 0) : max(last_level, 0)].sum() >= WALL_POINTS
-    return profile, seen_ahead
+    _fill_from_neighbours(profile, seen_cells)
+    return profile, seen_cells[SECTORS // 2 - 1] + seen_cells[SECTORS // 2]
+
+
+@compiled
+def _fill_from_neighbours(profile: NDArray[np.float64], seen_cells: NDArray[np.int32]) -> None:
+    """A sector in which no ground was seen has that of the nearest one in which some was.
+
+    Kept level, its slab leaves the ramp that its neighbours follow and meets the roof: a wall beside free space, which
+    looks like a tangent in the middle of a straight ramp.
+    """
+    for s in range(SECTORS):
+        if seen_cells[s] > 0:
+            continue
+        for off in range(1, SECTORS):
+            left, right = s - off, s + off
+            if left >= 0 and seen_cells[left] > 0:
+                profile[s] = profile[left]
+                break
+            if right < SECTORS and seen_cells[right] > 0:
+                profile[s] = profile[right]
+                break
 
 
 @compiled
