@@ -127,6 +127,9 @@ class Vehicle:
         give_up_s = self._clock.now_s() + timeout_s
         if self._lands_elsewhere():
             return await self._descend(give_up_s)
+        if self._offboard.engaged and self._is_moving():
+            # Where it is, and not half a metre on: a landing that begins at speed ends there.
+            await self._offboard.while_still(self._until_it_stands())
         self._offboard.release()
         await self._modes.land()
         while self._modes.maybe_armed:
@@ -221,10 +224,14 @@ class Vehicle:
     async def _until_it_stands(self) -> None:
         begun_s = self._clock.now_s()
         while self._clock.now_s() - begun_s < PATIENCE_S:
-            pose = self._telemetry.poses.newest()
-            if pose is not None and math.hypot(pose.vx_mps, pose.vy_mps) < STANDS_MPS:
+            if self._is_moving() is False:
                 return
             await self._clock.sleep(POLL_S)
+
+    def _is_moving(self) -> bool | None:
+        """By the newest pose; None when there is none."""
+        pose = self._telemetry.poses.newest()
+        return None if pose is None else math.hypot(pose.vx_mps, pose.vy_mps) >= STANDS_MPS
 
     def _risen_m(self) -> float | None:
         pose = self._telemetry.poses.newest()

@@ -48,7 +48,12 @@ def _nearest(bearings: FloatArray, ranges: FloatArray, counts: NDArray[np.bool_]
     """
     nearest = -1
     for i in range(bearings.size):
-        if counts[i] and (nearest < 0 or ranges[i] < ranges[nearest]):
+        # Of two that are as near the one further ahead, so that a mirrored scan has the mirrored answer.
+        if counts[i] and (
+            nearest < 0
+            or ranges[i] < ranges[nearest]
+            or (ranges[i] == ranges[nearest] and abs(bearings[i]) < abs(bearings[nearest]))
+        ):
             nearest = i
     if nearest < 0:
         return np.inf, 0.0

@@ -16,7 +16,8 @@ from companion.control.parameters import Parameters
 from companion.control.ramp import Ramp
 from companion.control.standing import Standing
 from companion.control.target import Progress, Target, TargetKind, world_point
-from companion.model import ABSURD, HIT, Measurement, Mode, Pose, Scan, Setpoint, wrap_rad
+from companion.control.trail import Trail
+from companion.model import ABSURD, HIT, Input, Measurement, Mode, Pose, Scan, Setpoint, wrap_rad
 
 FORGET_TANGENT_S = 5.0
 """A tangent out of view for this long is a new one when it comes back: ten metres of flight would be too far for the
@@ -70,6 +71,7 @@ class Navigator:
         self._laps = LapCounter()
         self._ramp = Ramp(parameters.max_accel_mps2, parameters.period_s)
         self._standing = Standing(parameters)
+        self._trail = Trail()
         self._pause_until_s = -math.inf
         self._turned_rad = 0.0
         self._last_yaw_rad: float | None = None
@@ -97,15 +99,23 @@ class Navigator:
     def step(self, measurement: Measurement, pose: Pose, t_s: float) -> Setpoint:
         """One sampling period: switch the mode if a rule says so, then execute the laws (6), (7) and (12).
 
-        A setpoint is always finite, what is missing stops the vehicle, speed and climb grow by ``max_accel_mps2``.
+        A setpoint is always finite, what is missing stops the vehicle, speed and climb grow by ``max_accel_mps2``. Over
+        a place without ground it goes back along the way that it came.
         """
         scan = measurement.scan
         self._holding = bool(measurement.missing) or scan is None or not _is_finite(measurement, pose)
         climb = self._climb_mps(measurement, pose)
-        if self._holding or scan is None:
+        lost_ground = measurement.missing == (Input.HEIGHT,) and scan is not None and _is_finite(measurement, pose)
+        if lost_ground:
+            self._trail.begin(pose)
+        back_mps = self._trail.back_mps(pose) if lost_ground or not self._holding else None
+        if self._holding or scan is None or back_mps is not None:
+            self._holding = True
             self._last_yaw_rad = None
             self._standing.release()
-            return self._ramp.limit(Setpoint(t_s, 0.0, climb, 0.0))
+            forward_mps, left_mps = back_mps or (0.0, 0.0)
+            return self._ramp.limit(Setpoint(t_s, forward_mps, climb, 0.0, left_mps))
+        self._trail.note(pose)
         self._count_turning(pose)
         self._choice.see(scan, pose, t_s)
         if self._mode is Mode.CIRCLE:

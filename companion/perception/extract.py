@@ -30,11 +30,15 @@ from companion.perception.depth import Slab, look_ahead
 from companion.perception.look import Look, bin_bearings, planar_look
 from companion.perception.rangefinders import Beams
 from companion.perception.scan_memory import ScanMemory
+from companion.perception.shafts import Shafts
 from companion.perception.view import view_of
 from companion.sides import NOTHING_AROUND, Side, Sides
 
 POSE_STALE_S = 0.3
 """A pose older than this is missing: at 0.5 m/s the vehicle is 15 cm from where it says."""
+
+GROUND_S = 10.0
+"""The slab follows the last ground for so long: as long as a flight goes on without a height."""
 
 FARTHEST_GROUND_M = 100.0
 """No rangefinder of ours sees the ground from higher."""
@@ -70,6 +74,8 @@ class Extractor:
         self._memory = ScanMemory(
             settings.scan.memory_age_s, settings.scan.memory_distance_m, vehicle.body_height_m / 2.0 + BODY_MARGIN_M
         )
+        self._shafts = Shafts(settings.scan.memory_distance_m)
+        self._over_ground: tuple[float, float] | None = None  # height above it less z, and when it was last measured
         self._ahead: Look | None = None
         self._ground_slope: float | None = None
         self._around: Look | None = None
@@ -81,8 +87,12 @@ class Extractor:
         t_s, pose = observation.t_s, observation.pose
         self._beams.on_readings(observation.ranges, pose)
         h_m = self._beams.height_m(pose, t_s)
-        if observation.frame is not None and h_m is not None and observation.frame.pose.is_finite:
-            h_then_m = h_m + observation.frame.pose.z_m - pose.z_m
+        if h_m is not None:
+            self._over_ground = (h_m - pose.z_m, t_s)
+        elif self._beams.no_ground(t_s) and self._over_ground is not None:
+            self._shafts.mark(pose)
+        if observation.frame is not None and observation.frame.pose.is_finite and self._saw_ground(t_s):
+            h_then_m = self._over_ground[0] + observation.frame.pose.z_m if self._over_ground else math.nan
             # A jump of the estimate can put the vehicle below the ground: that frame says nothing.
             if 0.0 < h_then_m < FARTHEST_GROUND_M:
                 view, then = view_of(observation.frame), observation.frame.pose
@@ -118,6 +128,10 @@ class Extractor:
             missing=missing,
             sides=self._sides(pose, t_s, recent_m),
         )
+
+    def _saw_ground(self, t_s: float) -> bool:
+        """Whether the ground is known, or was a moment ago: at its edge what lies ahead must still be seen."""
+        return self._over_ground is not None and t_s - self._over_ground[1] <= GROUND_S
 
     def _missing(self, pose: Pose, t_s: float, h_m: float | None, looks: Sequence[Look]) -> tuple[Input, ...]:
         lacks = {
@@ -167,7 +181,9 @@ class Extractor:
             _carry(scan, look, pose.x_m, pose.y_m, pose.yaw_rad)
         for beam, bearing_rad in _SIDEWAYS.items():
             self._add_beam(scan, beam, bearing_rad, pose, t_s)
-        return scan, self._memory.recall(scan, pose, t_s)
+        recent_m = self._memory.recall(scan, pose, t_s)
+        self._shafts.recall(scan, pose)
+        return scan, recent_m
 
     def _add_beam(self, scan: Scan, beam: Beam, bearing_rad: float, pose: Pose, t_s: float) -> None:
         known = self._beams.fresh(beam, t_s)

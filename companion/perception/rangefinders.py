@@ -29,8 +29,9 @@ class Beams:
             # One that measured nothing does not hide the last one that did: that one ages by itself.
             if reading.range_m is not None:
                 self._readings[reading.beam] = (reading, pose)
-            # A beam to the side that sees nothing works: it may look down a drift. Below there is always a ground.
-            if reading.beam is not Beam.DOWN or _measured_m(reading) is not None:
+            # A beam to the side that sees nothing works: it may look down a drift. Below, only one that sees as far as
+            # it can: it may look down a shaft.
+            if reading.beam is not Beam.DOWN or _measured_m(reading) is not None or _sees_nothing(reading):
                 self._reported_s[reading.beam] = reading.t_s
 
     def fresh(self, beam: Beam, t_s: float) -> tuple[RangeReading, Pose] | None:
@@ -59,6 +60,11 @@ class Beams:
         height_m += pose.z_m - known[1].z_m
         return height_m if math.isfinite(height_m) else None
 
+    def no_ground(self, t_s: float) -> bool:
+        """Whether the newest reading downward says that nothing is there as far as the beam reaches."""
+        known = self.fresh(Beam.DOWN, t_s)
+        return known is not None and _sees_nothing(known[0])
+
     def oldest_age_s(self, t_s: float) -> float:
         """Time since the newest reading of the configured beam that has been silent longest; the one upward may be.
 
@@ -66,6 +72,10 @@ class Beams:
         """
         ages_s = (t_s - self._reported_s.get(beam, -math.inf) for beam in self._counted_on)
         return max(age_s if age_s >= 0.0 else math.inf for age_s in ages_s)
+
+
+def _sees_nothing(reading: RangeReading) -> bool:
+    return reading.range_m is not None and reading.range_m >= reading.max_range_m
 
 
 def _measured_m(reading: RangeReading) -> float | None:

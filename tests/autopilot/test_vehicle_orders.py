@@ -139,9 +139,9 @@ async def test_a_failsafe_of_the_autopilot_is_told_as_one(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("ends", ["hold", "block"])
-async def test_a_hold_is_asked_for_once_it_stands(kind: AutopilotKind, ends: str) -> None:
-    """Protects from ArduCopter's brake, which needs twice the way that zero velocity does."""
+@pytest.mark.parametrize("ends", ["hold", "land", "block"])
+async def test_a_mode_is_asked_for_once_it_stands(kind: AutopilotKind, ends: str) -> None:
+    """Protects from ArduCopter's brake, which needs twice the way that zero velocity does, and lands it where it is."""
     async with flying(kind, end="hold") as one:
         one.autopilot.moves(0.4)
         await one.cruise(0.5)
@@ -152,6 +152,8 @@ async def test_a_hold_is_asked_for_once_it_stands(kind: AutopilotKind, ends: str
         one.autopilot.at(1.0, lambda: one.autopilot.moves(STANDS_MPS - 0.01))
         if ends == "hold":
             await one.vehicle.hold()
+        elif ends == "land":
+            await one.vehicle.land(timeout_s=2.0)
         else:
             await one.vehicle.__aexit__(None, None, None)
         streamed = one.setpoints[sent:]

@@ -150,6 +150,7 @@ def test_the_warm_up_leaves_nothing_of_the_tick_to_compile() -> None:
     assert set(done.stdout.splitlines()) <= {
         # Compiled as parts of others, never called from Python.
         "companion.control.known_ground _has_room",
+        "companion.perception.ground _fill_from_neighbours",
         "companion.perception.ground _line_was_seen",
         "companion.perception.scan_memory _cell",
         "companion.perception.scan_memory _is_seen_through",
