@@ -225,6 +225,7 @@ class Measurement:
         ranges_age_s: age of the newest reading of the beam that has been silent longest, of those that the vehicle
             counts on; infinite when one has never reported.
         missing: the inputs that are absent or stale; empty when the vehicle may fly.
+        over_shaft: whether the beam downward says that there is no ground as far as it reaches, where there was some.
         sides: what is near on the four sides of the body, as seen in the last seconds, and whether it comes nearer.
     """
 
@@ -242,6 +243,7 @@ class Measurement:
     ranges_age_s: float
     missing: tuple[Input, ...] = ()
     sides: Sides = NOTHING_AROUND
+    over_shaft: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -105,7 +105,8 @@ class Navigator:
         scan = measurement.scan
         self._holding = bool(measurement.missing) or scan is None or not _is_finite(measurement, pose)
         climb = self._climb_mps(measurement, pose)
-        lost_ground = measurement.missing == (Input.HEIGHT,) and scan is not None and _is_finite(measurement, pose)
+        only_height = measurement.missing == (Input.HEIGHT,) and scan is not None and _is_finite(measurement, pose)
+        lost_ground = measurement.over_shaft and only_height
         if lost_ground:
             self._trail.begin(pose)
         back_mps = self._trail.back_mps(pose) if lost_ground or not self._holding else None

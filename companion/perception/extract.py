@@ -89,7 +89,8 @@ class Extractor:
         h_m = self._beams.height_m(pose, t_s)
         if h_m is not None:
             self._over_ground = (h_m - pose.z_m, t_s)
-        elif self._beams.no_ground(t_s) and self._over_ground is not None:
+        over_shaft = h_m is None and self._saw_ground(t_s) and self._beams.no_ground(t_s)
+        if over_shaft:
             self._shafts.mark(pose)
         if observation.frame is not None and observation.frame.pose.is_finite and self._saw_ground(t_s):
             h_then_m = self._over_ground[0] + observation.frame.pose.z_m if self._over_ground else math.nan
@@ -127,6 +128,7 @@ class Extractor:
             ranges_age_s=self._beams.oldest_age_s(t_s),
             missing=missing,
             sides=self._sides(pose, t_s, recent_m),
+            over_shaft=over_shaft,
         )
 
     def _saw_ground(self, t_s: float) -> bool:

@@ -11,7 +11,7 @@ from companion.control.trail import BACK_M, BACK_MPS, STEPS, Trail
 from companion.model import Input, Mode, Pose, Setpoint
 from tests.control.stages import DT_S, OPEN, ORIGIN, beside, in_boundary, mode_of
 
-LOST = replace(beside(1), h_m=None, missing=(Input.HEIGHT,))
+LOST = replace(beside(1), h_m=None, missing=(Input.HEIGHT,), over_shaft=True)
 
 
 def flown(trail: Trail, metres: float, yaw_rad: float = 0.0) -> Pose:
@@ -95,12 +95,21 @@ def test_without_ground_the_law_goes_back_and_flies_on_afterwards() -> None:
     assert mode_of(navigator) is Mode.BOUNDARY
 
 
-@pytest.mark.parametrize("missing", [(Input.DEPTH, Input.HEIGHT), (Input.HEIGHT, Input.POSE), (Input.DEPTH,)])
-def test_without_more_it_stands(missing: tuple[Input, ...]) -> None:
-    """Protects from moving blind: the way back is flown only with everything else there."""
+@pytest.mark.parametrize(
+    ("missing", "over_shaft"),
+    [
+        ((Input.DEPTH, Input.HEIGHT), True),
+        ((Input.HEIGHT, Input.POSE), True),
+        ((Input.DEPTH,), False),
+        ((Input.HEIGHT,), False),
+    ],
+)
+def test_without_more_it_stands(missing: tuple[Input, ...], over_shaft: bool) -> None:
+    """Protects from moving blind, and from going back a metre for each reading that a beam has missed."""
     navigator = in_boundary(1)
     for i in range(20):
         navigator.step(beside(1), replace(ORIGIN, x_m=0.05 * i), i * DT_S)
     for i in range(5):
-        found = navigator.step(replace(OPEN, h_m=None, missing=missing), replace(ORIGIN, x_m=1.0), 1.0 + i * DT_S)
+        told = replace(OPEN, h_m=None, missing=missing, over_shaft=over_shaft)
+        found = navigator.step(told, replace(ORIGIN, x_m=1.0), 1.0 + i * DT_S)
         assert (found.speed_mps, found.lateral_mps) == (0.0, 0.0)

@@ -23,11 +23,11 @@ def test_a_place_without_ground_is_an_obstacle_from_then_on() -> None:
     extract = extractor(SensorSettings(camera=SMALL, beams=BeamSettings(directions=(Beam.DOWN,))))
     extract.measure(observed(AT_START, OPEN, DOWN))
     over = extract.measure(observed(later(AT_START, 0.5, x_m=0.5), OPEN, NO_GROUND))
-    assert over.missing == (Input.HEIGHT,)
+    assert (over.missing, over.over_shaft) == ((Input.HEIGHT,), True)
     assert over.ranges_age_s == 0.0, "the beam works"
     for i in range(1, 8):
         back = extract.measure(observed(later(AT_START, 0.5 + 0.2 * i, x_m=0.5 - 0.2 * i), OPEN, DOWN))
-        assert back.missing == ()
+        assert (back.missing, back.over_shaft) == ((), False)
         assert (back.d_m, back.d_bearing_rad) == pytest.approx((0.2 * i, 0.0), abs=0.02)
         assert not scan_of(back).fresh[scan_of(back).state == HIT].any()
 
@@ -50,7 +50,7 @@ def test_a_beam_that_says_nothing_marks_nothing(range_m: float | None) -> None:
     extract.measure(observed(AT_START, OPEN, DOWN))
     extract.measure(observed(later(AT_START, 2.0), OPEN, {Beam.DOWN: range_m}))
     found = extract.measure(observed(later(AT_START, 2.5), OPEN, {Beam.DOWN: range_m}))
-    assert found.d_m is None
+    assert (found.d_m, found.over_shaft) == (None, False)
     assert found.ranges_age_s > BEAM_STALE_S
 
 
