@@ -89,11 +89,11 @@ class StaleSettings(Section):
         description="no completed tick of the application for this long, in s; null: as for setpoint_s",
     )
     depth_s: float = Field(
-        0.5,
+        0.55,
         ge=0.05,
         le=5.0,
-        description="age of the last look ahead, in s: of a camera with 5 Hz one frame may be lost, not two; beyond it "
-        "a wall may have come into view unseen",
+        description="age of the last look ahead, in s: of a camera with 5 Hz one frame may be lost, and the next be "
+        "0.15 s on its way; beyond it a wall may have come into view unseen",
     )
     ranges_s: float = Field(
         0.4,

@@ -63,7 +63,7 @@ def test_budget_for_programs(run: Run) -> None:
     lines = {line["fault"]: line for line in json.loads(printed)}
     assert code == 0
     assert len(lines) == len(set(Fault) - {Fault.NOT_OBEYED}) + 3
-    assert lines["depth_stale"]["remaining_m"] == pytest.approx(0.1395, abs=1e-3)
+    assert lines["depth_stale"]["remaining_m"] == pytest.approx(0.112, abs=1e-3)
     assert lines["depth_stale"]["reaches_wall"] is False
 
 

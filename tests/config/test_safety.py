@@ -105,7 +105,7 @@ class TestLevel:
     def test_one_level_leaves_the_other_alone(self) -> None:
         """Defaults are shared objects: filling one in must not change the next."""
         safety(level="cautious")
-        assert safety().stale.depth_s == 0.5
+        assert safety().stale.depth_s == 0.55
 
     def test_what_is_left_out_follows_the_law(self) -> None:
         control = Settings().control

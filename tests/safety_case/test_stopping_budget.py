@@ -61,14 +61,14 @@ def test_the_default_leaves_room_for_every_fault() -> None:
 
 
 def test_the_sum_by_hand() -> None:
-    """Depth at 0.55 m/s: 0.55·(0.5 + 0.06 + 0.15) + 0.55²/0.86 + 0.25 = 0.9922; allowed 0.8 + 0.55·0.6 + 0.55²/0.86."""
+    """Depth, 0.55 m/s: 0.55·(0.55 + 0.06 + 0.15) + 0.55²/0.86 + 0.25 = 1.0197; allowed 0.8 + 0.55·0.6 + 0.55²/0.86."""
     line = line_of("depth_stale")
-    assert (line.detection_s, line.autopilot_s) == (0.5, 0.15)
+    assert (line.detection_s, line.autopilot_s) == (0.55, 0.15)
     assert line.reaction_s == pytest.approx(CYCLE_S + 0.05)
     assert line.creep_m == MODE_CREEP_M, "the gate's hold ends in the autopilot's"
-    assert line.distance_m == pytest.approx(0.9922, abs=1e-4)
+    assert line.distance_m == pytest.approx(1.0197, abs=1e-4)
     assert line.allowed_m == pytest.approx(1.4817, abs=1e-4)
-    assert line.remaining_m == pytest.approx(1.4817 - 0.9922 - 0.35, abs=1e-4)
+    assert line.remaining_m == pytest.approx(1.4817 - 1.0197 - 0.35, abs=1e-4)
 
 
 @pytest.mark.parametrize(("speed_mps", "measured_m"), [(0.5, 0.54), (0.5, 0.4)])
