@@ -126,25 +126,28 @@ class Navigator:
         elif self._mode is Mode.BOUNDARY:
             self._leave_boundary(measurement, scan, pose, t_s)
         speed = self._speed_mps(measurement, scan, pose)
-        wanted = Setpoint(t_s, speed, climb, self._yaw_rate_radps(scan, pose))
+        wanted = Setpoint(t_s, speed, climb, self._yaw_rate_radps(measurement, scan, pose))
         return self._ramp.limit(self._standing.of(wanted, scan, measurement.sides, pose))
 
     # The laws.
 
-    def _yaw_rate_radps(self, scan: Scan, pose: Pose) -> float:
-        """Paper eq. (7)."""
+    def _yaw_rate_radps(self, measurement: Measurement, scan: Scan, pose: Pose) -> float:
+        """Paper eq. (7); its d is that of any side, the smooth law's that of the wall that is followed."""
         if self._mode is Mode.CIRCLE:
             return laws.circle_yaw_rate_radps(self._circle_direction, self.parameters)
         if self._mode is Mode.TANGENT:
             return laws.tangent_yaw_rate_radps(self._target_bearing_rad(pose), self.parameters)
+        if self.parameters.law == "paper":
+            if measurement.d_m is None or measurement.d_dot_mps is None:
+                return 0.0
+            return laws.boundary_yaw_rate_radps(self._gamma, measurement.d_m, measurement.d_dot_mps, self.parameters)
         found = boundary.followed(scan, self._gamma, self.parameters.critical_margin_m)
         if found is None:
             return 0.0
         d_m, bearing_rad = found
         direction_rad = pose.yaw_rad + bearing_rad
         d_dot_mps = -(pose.vx_mps * math.cos(direction_rad) + pose.vy_mps * math.sin(direction_rad))
-        if self.parameters.law == "smooth":
-            d_dot_mps = min(d_dot_mps, laws.cruising_rate_mps(bearing_rad, self.parameters))
+        d_dot_mps = min(d_dot_mps, laws.cruising_rate_mps(bearing_rad, self.parameters))
         return laws.boundary_yaw_rate_radps(self._gamma, d_m, d_dot_mps, self.parameters)
 
     def _speed_mps(self, measurement: Measurement, scan: Scan, pose: Pose) -> float:

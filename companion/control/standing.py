@@ -38,6 +38,8 @@ class Standing:
         self._critical_m = parameters.critical_margin_m
         self._speed_mps = parameters.speed_mps
         self._most_mps = min(AWAY_MPS, parameters.speed_mps)
+        self._makes_room = parameters.law != "paper"
+        """The paper's vehicle flies where it points."""
         self._station = StationKeeper()
 
     def release(self) -> None:
@@ -51,7 +53,7 @@ class Standing:
         """
         if setpoint.speed_mps != 0.0:
             self.release()
-            _, left_mps = away_mps(sides, self._critical_m, self._most_mps)
+            left_mps = away_mps(sides, self._critical_m, self._most_mps)[1] if self._makes_room else 0.0
             return replace(
                 setpoint,
                 speed_mps=min(setpoint.speed_mps, math.sqrt(self._speed_mps**2 - left_mps**2)),

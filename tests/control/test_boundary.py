@@ -10,6 +10,7 @@ import pytest
 
 from companion.control.boundary import followed, nearest
 from companion.model import Measurement, Mode, Scan
+from companion.sides import Side, Sides
 from tests.control.scene import BEARINGS_RAD, measurement, scan_of
 from tests.control.stages import DT_S, ORIGIN, in_boundary, mode_of
 
@@ -56,6 +57,19 @@ def test_nothing_to_follow_is_none() -> None:
     """Protects from a wall that is not there: then it flies straight on, and R3 ends after a while."""
     assert followed(scan_of(lambda _: math.inf), 1, HALF_WIDTH_M) is None
     assert followed(seen(-1), 1, HALF_WIDTH_M) is None, "only the other side has a wall, beside"
+
+
+def test_the_papers_law_takes_d_of_any_side() -> None:
+    """Protects the presets of the paper's tables: they remain the paper, niches included."""
+    asked = []
+    for scan in (seen(1), seen(1, (0.1, 0.86))):
+        told = replace(looking(scan), d_dot_mps=-0.01, sides=Sides(right=Side(0.5, 0.0)))
+        asked.append(in_boundary(1, law="paper").step(told, replace(ORIGIN, vx_mps=0.5), DT_S))
+    assert asked[0].yaw_rate_radps == asked[1].yaw_rate_radps == -in_boundary(1).parameters.max_yaw_rate_radps
+    assert asked[0].lateral_mps == 0.0, "and its vehicle flies where it points"
+    near = replace(looking(seen(1)), d_m=1.5, d_dot_mps=0.0)
+    turned = in_boundary(1, law="paper").step(near, ORIGIN, DT_S).yaw_rate_radps
+    assert turned > 0.0, "d is the measured one"
 
 
 @pytest.mark.parametrize("gamma", [-1, 1])
