@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.control.standing import AWAY_MPS
 from companion.model import CLEAR, HIT, UNKNOWN, Input, Measurement, Mode, Pose, Scan
 from tests.control.scene import BINS, measurement
 from tests.control.stages import (
@@ -172,7 +173,9 @@ def test_a_setpoint_is_always_finite_and_within_its_limits(
     limits = navigator.parameters
     for i, (told, pose) in enumerate(ticks):
         setpoint = navigator.step(told, pose, i * dt_s)
-        assert 0.0 <= setpoint.speed_mps <= limits.speed_mps
+        # Backward and to the side goes only what makes room, or is led back.
+        assert -AWAY_MPS - 1e-9 <= setpoint.speed_mps <= limits.speed_mps
+        assert abs(setpoint.lateral_mps) <= AWAY_MPS + 1e-9
         assert abs(setpoint.yaw_rate_radps) <= limits.max_yaw_rate_radps
         assert abs(setpoint.climb_mps) <= limits.max_climb_mps
 
