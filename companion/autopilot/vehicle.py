@@ -125,11 +125,11 @@ class Vehicle:
             True when it has landed and disarmed, False when that took longer than ``timeout_s``: it lands on.
         """
         give_up_s = self._clock.now_s() + timeout_s
-        if self._lands_elsewhere():
-            return await self._descend(give_up_s)
         if self._offboard.engaged and self._is_moving():
             # Where it is, and not half a metre on: a landing that begins at speed ends there.
             await self._offboard.while_still(self._until_it_stands())
+        if self._lands_elsewhere():
+            return await self._descend(give_up_s)
         self._offboard.release()
         await self._modes.land()
         while self._modes.maybe_armed:

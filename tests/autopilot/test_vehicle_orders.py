@@ -218,3 +218,20 @@ async def test_a_vehicle_that_could_not_be_left_in_order_gets_no_setpoint_any_mo
     one.autopilot.heartbeat()
     assert not one.vehicle.send(Setpoint(one.clock.now_s(), 0.5, 0.0, 0.0))
     assert one.vehicle._offboard.silent_because == "not engaged"
+
+
+async def test_where_its_own_landing_would_fly_away_it_stands_first_and_is_led_down() -> None:
+    """Protects from a landing at latitude 0, longitude 0, and from one that comes down half a metre further on."""
+    async with flying(PX4, end="land") as one:
+        one.link.deliver("GPS_GLOBAL_ORIGIN", {"latitude": 1, "longitude": 1, "altitude": 0})
+        one.autopilot.moves(0.4)
+        await one.cruise(0.5)
+        sent, asked = len(one.setpoints), len(one.modes_asked)
+        one.autopilot.at(1.0, lambda: one.autopilot.moves(STANDS_MPS - 0.01))
+        assert not await one.vehicle.land(timeout_s=4.0)
+        streamed = one.setpoints[sent:]
+        assert {(each["vx"], each["vy"], each["yaw_rate"]) for each in streamed} == {(0.0, 0.0, 0.0)}
+        down_mps = [each["vz"] for each in streamed]
+        assert down_mps[:15] == [0.0] * 15, "for nearly a second"
+        assert down_mps[-1] == pytest.approx(0.3)
+        assert len(one.modes_asked) == asked, "no mode of its own"
