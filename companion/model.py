@@ -87,6 +87,11 @@ class Pose:
     vz_mps: float = 0.0
     yaw_rate_radps: float = 0.0
 
+    def towards_mps(self, bearing_rad: float) -> float:
+        """How fast it flies in that direction, in the plane; 0 is along the heading."""
+        direction_rad = self.yaw_rad + bearing_rad
+        return self.vx_mps * math.cos(direction_rad) + self.vy_mps * math.sin(direction_rad)
+
     @property
     def is_finite_in_plane(self) -> bool:
         """Whether place, heading and velocity in the plane can be numbers: each is smaller than `ABSURD`."""

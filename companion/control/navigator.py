@@ -103,10 +103,10 @@ class Navigator:
         a place without ground it goes back along the way that it came.
         """
         scan = measurement.scan
-        self._holding = bool(measurement.missing) or scan is None or not _is_finite(measurement, pose)
+        readable = scan is not None and _is_finite(measurement, pose)
+        self._holding = bool(measurement.missing) or not readable
         climb = self._climb_mps(measurement, pose)
-        only_height = measurement.missing == (Input.HEIGHT,) and scan is not None and _is_finite(measurement, pose)
-        lost_ground = measurement.over_shaft and only_height
+        lost_ground = measurement.over_shaft and measurement.missing == (Input.HEIGHT,) and readable
         if lost_ground:
             self._trail.begin(pose)
         back_mps = self._trail.back_mps(pose) if lost_ground or not self._holding else None
@@ -145,9 +145,7 @@ class Navigator:
         if found is None:
             return 0.0
         d_m, bearing_rad = found
-        direction_rad = pose.yaw_rad + bearing_rad
-        d_dot_mps = -(pose.vx_mps * math.cos(direction_rad) + pose.vy_mps * math.sin(direction_rad))
-        d_dot_mps = min(d_dot_mps, laws.cruising_rate_mps(bearing_rad, self.parameters))
+        d_dot_mps = min(-pose.towards_mps(bearing_rad), laws.cruising_rate_mps(bearing_rad, self.parameters))
         return laws.boundary_yaw_rate_radps(self._gamma, d_m, d_dot_mps, self.parameters)
 
     def _speed_mps(self, measurement: Measurement, scan: Scan, pose: Pose) -> float:
@@ -158,9 +156,8 @@ class Navigator:
         if self.parameters.speed_law == "paper" or speed == 0.0:
             return speed
         gamma = self._gamma if self._mode is Mode.BOUNDARY else None
-        forward_mps = pose.vx_mps * math.cos(pose.yaw_rad) + pose.vy_mps * math.sin(pose.yaw_rad)
         nearest_m = math.inf if measurement.d_m is None else measurement.d_m
-        return governed_speed_mps(speed, scan, nearest_m, gamma, forward_mps, self.parameters)
+        return governed_speed_mps(speed, scan, nearest_m, gamma, pose.towards_mps(0.0), self.parameters)
 
     def _climb_mps(self, measurement: Measurement, pose: Pose) -> float:
         """Paper eq. (6); 0 when the height is not known."""
@@ -169,8 +166,7 @@ class Navigator:
         ground_climb = 0.0
         slope = measurement.ground_slope
         if self.parameters.climb_feed_forward and slope is not None and math.isfinite(slope) and not self._holding:
-            forward = pose.vx_mps * math.cos(pose.yaw_rad) + pose.vy_mps * math.sin(pose.yaw_rad)
-            ground_climb = forward * slope
+            ground_climb = pose.towards_mps(0.0) * slope
         return laws.climb_mps(self.height_m, measurement.h_m, measurement.roof_m, ground_climb, self.parameters)
 
     # The rules.

@@ -28,7 +28,7 @@ from companion.model import (
 from companion.perception.approach import Approach, nearest_of
 from companion.perception.depth import Slab, look_ahead
 from companion.perception.look import Look, bin_bearings, planar_look
-from companion.perception.rangefinders import Beams
+from companion.perception.rangefinders import Beams, sees_nothing
 from companion.perception.scan_memory import ScanMemory
 from companion.perception.shafts import Shafts
 from companion.perception.view import view_of
@@ -71,11 +71,16 @@ class Extractor:
         self._half_width_m = vehicle.body_radius_m + AHEAD_MARGIN_M
         self._slab = Slab(vehicle.body_height_m / 2.0 + settings.scan.slab_margin_m, settings.scan.max_ground_slope)
         self._bearings_rad = bin_bearings(settings.scan.bins)
+        self._all_round = np.ones(settings.scan.bins, np.bool_)
+        self._in_front = np.abs(self._bearings_rad) <= FRONT_RAD
+        self._beside = {
+            side: np.cos(self._bearings_rad - towards_rad) > BESIDE_COS for side, towards_rad in _SIDEWAYS.items()
+        }
         self._memory = ScanMemory(
             settings.scan.memory_age_s, settings.scan.memory_distance_m, vehicle.body_height_m / 2.0 + BODY_MARGIN_M
         )
         self._shafts = Shafts(settings.scan.memory_distance_m)
-        self._over_ground: tuple[float, float] | None = None  # height above it less z, and when it was last measured
+        self._ground: tuple[float, float] | None = None  # its height, and when it was last measured
         self._ahead: Look | None = None
         self._ground_slope: float | None = None
         self._around: Look | None = None
@@ -88,12 +93,13 @@ class Extractor:
         self._beams.on_readings(observation.ranges, pose)
         h_m = self._beams.height_m(pose, t_s)
         if h_m is not None:
-            self._over_ground = (h_m - pose.z_m, t_s)
-        over_shaft = h_m is None and self._saw_ground(t_s) and self._beams.no_ground(t_s)
+            self._ground = (pose.z_m - h_m, t_s)
+        ground_m = self._ground_m(t_s)
+        over_shaft = h_m is None and ground_m is not None and self._beams.no_ground(t_s)
         if over_shaft:
             self._shafts.mark(pose)
-        if observation.frame is not None and observation.frame.pose.is_finite and self._saw_ground(t_s):
-            h_then_m = self._over_ground[0] + observation.frame.pose.z_m if self._over_ground else math.nan
+        if observation.frame is not None and observation.frame.pose.is_finite and ground_m is not None:
+            h_then_m = observation.frame.pose.z_m - ground_m
             # A jump of the estimate can put the vehicle below the ground: that frame says nothing.
             if 0.0 < h_then_m < FARTHEST_GROUND_M:
                 view, then = view_of(observation.frame), observation.frame.pose
@@ -110,9 +116,8 @@ class Extractor:
         looks = [look for look in known if t_s - look.t_s <= self._settings.scan.stale_after_s]
         missing = self._missing(pose, t_s, h_m, looks)
         scan, recent_m = self._scan(looks, pose, t_s) if looks and pose.is_finite else (None, None)
-        all_round = np.abs(self._bearings_rad) <= math.pi
-        d_m, d_bearing_rad = (nearest(scan, all_round) if scan else None) or (None, None)
-        front = nearest(scan, np.abs(self._bearings_rad) <= FRONT_RAD) if scan else None
+        d_m, d_bearing_rad = (nearest(scan, self._all_round) if scan else None) or (None, None)
+        front = nearest(scan, self._in_front) if scan else None
         return Measurement(
             t_s=t_s,
             scan_age_s=t_s - max((look.t_s for look in known), default=-math.inf),
@@ -123,7 +128,7 @@ class Extractor:
             d_m=d_m,
             d_bearing_rad=d_bearing_rad,
             d_front_m=None if front is None else front[0],
-            d_dot_mps=None if d_bearing_rad is None else _closing(pose, d_bearing_rad),
+            d_dot_mps=None if d_bearing_rad is None else -pose.towards_mps(d_bearing_rad),
             ahead_m=ahead_m(scan, self._half_width_m) if scan else math.nan,
             ranges_age_s=self._beams.oldest_age_s(t_s),
             missing=missing,
@@ -131,9 +136,9 @@ class Extractor:
             over_shaft=over_shaft,
         )
 
-    def _saw_ground(self, t_s: float) -> bool:
-        """Whether the ground is known, or was a moment ago: at its edge what lies ahead must still be seen."""
-        return self._over_ground is not None and t_s - self._over_ground[1] <= GROUND_S
+    def _ground_m(self, t_s: float) -> float | None:
+        """Height of the ground as it is, or was a moment ago: at its edge what lies ahead must still be seen."""
+        return self._ground[0] if self._ground is not None and t_s - self._ground[1] <= GROUND_S else None
 
     def _missing(self, pose: Pose, t_s: float, h_m: float | None, looks: Sequence[Look]) -> tuple[Input, ...]:
         lacks = {
@@ -161,11 +166,11 @@ class Extractor:
                 approach.see(reading.t_s, math.inf if range_m is None else range_m, at_m, read_at.yaw_rad)
         found = {}
         for side, towards_rad in _SIDEWAYS.items():
-            towards_mps = -_closing(pose, towards_rad)
+            towards_mps = pose.towards_mps(towards_rad)
             found[side] = nearest_of(self._approaches[side], t_s, towards_mps)
             if recent_m is None or side is Beam.FRONT:
                 continue
-            remembered_m = float(np.min(recent_m[np.cos(self._bearings_rad - towards_rad) > BESIDE_COS]))
+            remembered_m = float(np.min(recent_m[self._beside[side]]))
             if remembered_m < found[side].distance_m:
                 closing_mps = max(towards_mps, found[side].closing_mps)
                 found[side] = Side(remembered_m, closing_mps)
@@ -196,7 +201,7 @@ class Extractor:
         b = int((bearing_rad + math.pi) / (2.0 * math.pi) * bins) % bins
         range_m = self._beams.level_m(beam, pose, t_s)
         if range_m is None:
-            if reading.range_m is not None and reading.range_m >= reading.max_range_m and scan.state[b] == UNKNOWN:
+            if sees_nothing(reading) and scan.state[b] == UNKNOWN:
                 scan.ranges_m[b], scan.state[b], scan.fresh[b] = reading.max_range_m, CLEAR, True
             return
         self._memory.remember(read_at, np.array([bearing_rad]), np.array([range_m]), reading.t_s)
@@ -241,12 +246,6 @@ def _beside_m(
         if state[i] == HIT and along > 0.0 and abs(ranges[i] * np.sin(bearings[i] - towards_rad)) < half_width_m:
             least = min(least, ranges[i] * along)
     return least
-
-
-def _closing(pose: Pose, bearing_rad: float) -> float:
-    """Rate of the distance to a static point at that bearing: for a wall ahead at speed v it is -v·cos α*."""
-    direction_rad = pose.yaw_rad + bearing_rad
-    return -(pose.vx_mps * math.cos(direction_rad) + pose.vy_mps * math.sin(direction_rad))
 
 
 @compiled

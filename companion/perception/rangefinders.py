@@ -31,7 +31,7 @@ class Beams:
                 self._readings[reading.beam] = (reading, pose)
             # A beam to the side that sees nothing works: it may look down a drift. Below, only one that sees as far as
             # it can: it may look down a shaft.
-            if reading.beam is not Beam.DOWN or _measured_m(reading) is not None or _sees_nothing(reading):
+            if reading.beam is not Beam.DOWN or _measured_m(reading) is not None or sees_nothing(reading):
                 self._reported_s[reading.beam] = reading.t_s
 
     def fresh(self, beam: Beam, t_s: float) -> tuple[RangeReading, Pose] | None:
@@ -63,7 +63,7 @@ class Beams:
     def no_ground(self, t_s: float) -> bool:
         """Whether the newest reading downward says that nothing is there as far as the beam reaches."""
         known = self.fresh(Beam.DOWN, t_s)
-        return known is not None and _sees_nothing(known[0])
+        return known is not None and sees_nothing(known[0])
 
     def oldest_age_s(self, t_s: float) -> float:
         """Time since the newest reading of the configured beam that has been silent longest; the one upward may be.
@@ -74,7 +74,8 @@ class Beams:
         return max(age_s if age_s >= 0.0 else math.inf for age_s in ages_s)
 
 
-def _sees_nothing(reading: RangeReading) -> bool:
+def sees_nothing(reading: RangeReading) -> bool:
+    """Whether it is free out to the beam's limit."""
     return reading.range_m is not None and reading.range_m >= reading.max_range_m
 
 
