@@ -20,7 +20,7 @@ def nearest(scan: Scan, counts: NDArray[np.bool_]) -> tuple[float, float] | None
     return (float(range_m), float(bearing_rad)) if np.isfinite(range_m) else None
 
 
-def followed(scan: Scan, gamma: int, half_width_m: float) -> tuple[float, float] | None:
+def followed(scan: Scan, gamma: int, half_width_m: float, lead_m: float = 0.0) -> tuple[float, float] | None:
     """Distance d and bearing α* of the boundary that R3 follows: what is on Γ's side, and what lies ahead.
 
     The nearest wall of all is another one wherever two walls are near: at the mouth of a niche the post on the other
@@ -30,13 +30,16 @@ def followed(scan: Scan, gamma: int, half_width_m: float) -> tuple[float, float]
         scan: N(t).
         gamma: Γ, -1 when the wall to follow is on the right, 1 when on the left.
         half_width_m: what lies ahead within this of the heading line is in the way, on whichever side it is.
+        lead_m: seen from a place so far ahead of the vehicle.
 
     Returns:
         As `nearest`.
     """
-    in_the_way = np.abs(scan.ranges_m * np.sin(scan.bearings_rad)) < half_width_m
-    ahead = np.abs(scan.bearings_rad) < math.pi / 2.0
-    return nearest(scan, (gamma * scan.bearings_rad >= 0.0) | (ahead & in_the_way))
+    x_m = scan.ranges_m * np.cos(scan.bearings_rad) - lead_m
+    y_m = scan.ranges_m * np.sin(scan.bearings_rad)
+    counts = (scan.state == HIT) & ((gamma * y_m >= 0.0) | ((x_m > 0.0) & (np.abs(y_m) < half_width_m)))
+    range_m, bearing_rad = _nearest(np.arctan2(y_m, x_m), np.hypot(x_m, y_m), counts)
+    return (float(range_m), float(bearing_rad)) if np.isfinite(range_m) else None
 
 
 @compiled

@@ -24,15 +24,16 @@ def braking_speed_mps(room_m: float, reaction_s: float, brake_mps2: float) -> fl
 
 
 @compiled
-def _room(scan: Scan, half_width_m: float, keep_m: float, lead_m: float) -> tuple[float, float, float]:
-    """Least distance ahead within the vehicle's own width, and the largest turning radii to the left and right.
+def _room(scan: Scan, critical_m: float, keep_m: float, lead_m: float) -> tuple[float, float, float]:
+    """The way straight on until something is as near as d_c, and the largest turning radii to the left and right.
 
-    A left turn of radius R about (0, R) keeps ``keep_m`` from a point (x, y) ahead when
+    Straight on, a point (x, y) with |y| < d_c is as near as d_c after x - √(d_c² - y²): what is passed beside does not
+    stop the vehicle as early as what stands in the way. A left turn of radius R about (0, R) keeps ``keep_m`` from a point (x, y) ahead when
     x² + y² - keep² >= 2·R·(keep + y); mirrored for a right turn. Points are shifted back by ``lead_m``, the way flown
     before a turn takes effect.
     """
     bearings, ranges, state, _ = scan
-    ahead = np.inf
+    way = np.inf
     left = np.inf
     right = np.inf
     for i in range(bearings.size):
@@ -40,15 +41,15 @@ def _room(scan: Scan, half_width_m: float, keep_m: float, lead_m: float) -> tupl
             continue
         x = ranges[i] * np.cos(bearings[i])
         y = ranges[i] * np.sin(bearings[i])
-        if abs(y) < half_width_m:
-            ahead = min(ahead, x)
+        if abs(y) < critical_m:
+            way = min(way, x - np.sqrt(critical_m * critical_m - y * y))
         x = max(x - lead_m, 0.0)
         free = max(x * x + y * y - keep_m * keep_m, 0.0)
         if keep_m + y > 0.0:
             left = min(left, free / (2.0 * (keep_m + y)))
         if keep_m - y > 0.0:
             right = min(right, free / (2.0 * (keep_m - y)))
-    return ahead, left, right
+    return way, left, right
 
 
 def governed_speed_mps(
@@ -71,11 +72,12 @@ def governed_speed_mps(
     # Already nearer than that, the vehicle must still be able to leave: it only may not come nearer.
     keep_m = min(parameters.margin_m - governor.side_margin_m, nearest_m)
     lead_m = max(forward_mps, 0.0) * governor.reaction_s
-    ahead_m, left_m, right_m = _room(scan, parameters.critical_margin_m, keep_m, lead_m)
+    critical_m = parameters.critical_margin_m
+    way_m, left_m, right_m = _room(scan, critical_m, keep_m, lead_m)
     radius_m = max(left_m, right_m) if gamma is None else (left_m if gamma < 0 else right_m)
     turning_radps = governor.turn_share * parameters.max_yaw_rate_radps
     # As long as what lies ahead leaves room for the turn at any speed, the walls beside need not hold one.
-    turning_mps = max(radius_m, ahead_m - lead_m - keep_m) * turning_radps
-    braking_mps = braking_speed_mps(ahead_m - parameters.critical_margin_m, governor.reaction_s, governor.brake_mps2)
-    creep_mps = governor.least_speed_mps if ahead_m > max(keep_m, parameters.critical_margin_m) else 0.0
+    turning_mps = max(radius_m, way_m + critical_m - lead_m - keep_m) * turning_radps
+    braking_mps = braking_speed_mps(way_m, governor.reaction_s, governor.brake_mps2)
+    creep_mps = governor.least_speed_mps if way_m > max(keep_m - critical_m, 0.0) else 0.0
     return min(speed_mps, max(creep_mps, min(turning_mps, braking_mps)))

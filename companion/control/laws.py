@@ -47,20 +47,31 @@ def cruising_rate_mps(d_bearing_rad: float, parameters: Parameters) -> float:
     return -parameters.speed_mps * math.cos(d_bearing_rad)
 
 
+def sliding_mps(d_m: float, d_dot_mps: float, parameters: Parameters) -> float:
+    """ḋ + X(d - d_s) of paper eq. (7), R3: zero where the wall is approached as fast as it shall be.
+
+    Args:
+        d_m: distance to the obstacle.
+        d_dot_mps: its rate of change.
+        parameters: the law's settings.
+    """
+    x_mps = closing_speed_mps(d_m - parameters.margin_m, parameters.closing_gain_per_s, parameters.closing_saturation_m)
+    return d_dot_mps + x_mps
+
+
 def boundary_yaw_rate_radps(gamma: int, d_m: float, d_dot_mps: float, parameters: Parameters) -> float:
     """Paper eq. (7), R3: Γ·sgn[ḋ + X(d - d_s)]·u_M.
 
     Args:
         gamma: Γ, -1 when the wall to follow is on the right, 1 when on the left.
-        d_m: least distance to any obstacle.
+        d_m: distance to the obstacle.
         d_dot_mps: its rate of change.
         parameters: the law's settings.
     """
-    x_mps = closing_speed_mps(d_m - parameters.margin_m, parameters.closing_gain_per_s, parameters.closing_saturation_m)
-    sliding_mps = d_dot_mps + x_mps
+    sliding = sliding_mps(d_m, d_dot_mps, parameters)
     if parameters.law == "paper":
-        return gamma * sign(sliding_mps) * parameters.max_yaw_rate_radps
-    return gamma * saturation(sliding_mps / parameters.boundary_layer_mps) * parameters.max_yaw_rate_radps
+        return gamma * sign(sliding) * parameters.max_yaw_rate_radps
+    return gamma * saturation(sliding / parameters.boundary_layer_mps) * parameters.max_yaw_rate_radps
 
 
 def speed_mps(mode: Mode, d_front_m: float | None, parameters: Parameters) -> float:

@@ -29,6 +29,11 @@ OBSTACLE_AHEAD_RAD = math.radians(60.0)
 STUCK_TURNS = 2.0
 """Full turns in R3 without moving on by d_s, after which the vehicle is where S has no room (below 2·d_s)."""
 
+LEAD_S, LEAD_SHARE = 1.0, 0.4
+"""The smooth law also looks at the wall from where the vehicle will be in so long, at most this share of d_s ahead. It
+turns away from what it comes to before that is the nearest, on an arc; it never turns towards a wall before it is
+there. More would take the far wall of a narrow crossing for one that it comes to."""
+
 LOST_WALL_S = 3.0
 """In R3 with nothing at all in view for this long there is no boundary to follow."""
 
@@ -138,15 +143,26 @@ class Navigator:
         if self._mode is Mode.TANGENT:
             return laws.tangent_yaw_rate_radps(self._target_bearing_rad(pose), self.parameters)
         if self.parameters.law == "paper":
-            if measurement.d_m is None or measurement.d_dot_mps is None:
-                return 0.0
-            return laws.boundary_yaw_rate_radps(self._gamma, measurement.d_m, measurement.d_dot_mps, self.parameters)
-        found = boundary.followed(scan, self._gamma, self.parameters.critical_margin_m)
-        if found is None:
-            return 0.0
-        d_m, bearing_rad = found
-        d_dot_mps = min(-pose.towards_mps(bearing_rad), laws.cruising_rate_mps(bearing_rad, self.parameters))
-        return laws.boundary_yaw_rate_radps(self._gamma, d_m, d_dot_mps, self.parameters)
+            known = measurement.d_m is not None and measurement.d_dot_mps is not None
+            found = (measurement.d_m, measurement.d_dot_mps) if known else None
+        else:
+            found = self._boundary(scan, pose)
+        return 0.0 if found is None else laws.boundary_yaw_rate_radps(self._gamma, *found, self.parameters)
+
+    def _boundary(self, scan: Scan, pose: Pose) -> tuple[float, float] | None:
+        """d and ḋ of the wall that is followed, as it is from here or from where the vehicle will be, whichever (7)
+        turns further away from; None where there is nothing to follow.
+        """
+        parameters = self.parameters
+        lead_m = max(0.0, min(LEAD_S * pose.towards_mps(0.0), LEAD_SHARE * parameters.margin_m))
+        found = []
+        for ahead_m in (0.0, lead_m):
+            nearest = boundary.followed(scan, self._gamma, parameters.critical_margin_m, ahead_m)
+            if nearest is not None:
+                d_m, bearing_rad = nearest
+                cruising_mps = laws.cruising_rate_mps(bearing_rad, parameters)
+                found.append((d_m, min(-pose.towards_mps(bearing_rad), cruising_mps)))
+        return min(found, key=lambda wall: laws.sliding_mps(*wall, parameters), default=None)
 
     def _speed_mps(self, measurement: Measurement, scan: Scan, pose: Pose) -> float:
         """Paper eq. (12), lowered by the governor."""

@@ -18,8 +18,8 @@ from companion.model import HIT, Pose, Scan, Setpoint
 from companion.sides import AWAY_PER_S, Sides, away_mps
 from companion.station_keeping import StationKeeper
 
-NEARER_M = 0.05
-"""A wall that is only so much nearer than d_c is the noise of a sensor."""
+ROOM_M = 0.05
+"""It makes room for so much more than d_c: what carries it, 0.05 m/s in a draught, then holds it outside of d_c."""
 AWAY_MPS = 0.4
 """How fast it moves away from a wall that has come nearer, at most: SIH with GPS was carried sideways so fast. Against
 a drift of 0.2 m/s it stands 0.1 m inside d_c."""
@@ -35,7 +35,7 @@ class Standing:
     """
 
     def __init__(self, parameters: Parameters) -> None:
-        self._critical_m = parameters.critical_margin_m
+        self._keep_m = parameters.critical_margin_m + ROOM_M
         self._speed_mps = parameters.speed_mps
         self._most_mps = min(AWAY_MPS, parameters.speed_mps)
         self._makes_room = parameters.law != "paper"
@@ -47,13 +47,13 @@ class Standing:
         self._station.release()
 
     def of(self, setpoint: Setpoint, scan: Scan, sides: Sides, pose: Pose) -> Setpoint:
-        """The same, led back to where it came to stand, or away from a wall that has come nearer than d_c.
+        """The same, led back to where it came to stand, or away from a wall that has come as near as d_c.
 
         In flight only to the side: ahead is the governor's, and the speed that it gives is shared with the way aside.
         """
         if setpoint.speed_mps != 0.0:
             self.release()
-            left_mps = away_mps(sides, self._critical_m, self._most_mps)[1] if self._makes_room else 0.0
+            left_mps = away_mps(sides, self._keep_m, self._most_mps)[1] if self._makes_room else 0.0
             return replace(
                 setpoint,
                 speed_mps=min(setpoint.speed_mps, math.sqrt(self._speed_mps**2 - left_mps**2)),
@@ -61,7 +61,7 @@ class Standing:
             )
         away = self._away_mps(scan)
         if away is None:
-            away = away_mps(sides, self._critical_m - NEARER_M, self._most_mps)
+            away = away_mps(sides, self._keep_m, self._most_mps)
             away = away if any(away) else None
         if away is not None:
             # Where it stands then is where it is to stay.
@@ -82,12 +82,12 @@ class Standing:
         if not seen.any():
             return None
         nearest = int(np.argmin(np.where(seen, scan.ranges_m, np.inf)))
-        missing_m = self._critical_m - float(scan.ranges_m[nearest])
-        if missing_m < NEARER_M:
+        missing_m = self._keep_m - float(scan.ranges_m[nearest])
+        if missing_m <= 0.0:
             return None
         bearing_rad = float(scan.bearings_rad[nearest])
         behind = np.cos(scan.bearings_rad - bearing_rad) < -math.cos(BEHIND_RAD)
-        if np.any(behind & hit & (scan.ranges_m < self._critical_m)):
+        if np.any(behind & hit & (scan.ranges_m < self._keep_m)):
             return None
         speed_mps = min(self._most_mps, AWAY_PER_S * missing_m)
         return -speed_mps * math.cos(bearing_rad), -speed_mps * math.sin(bearing_rad)

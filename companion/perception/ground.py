@@ -20,6 +20,10 @@ STEP_TOLERANCE_M = 0.15
 FIRST_SEEN_MARGIN = 0.02
 """The ground counts as in view when its elevation (a tangent) is this far above the lower edge of the image."""
 
+FOOT_MARGIN = 0.04
+"""As long as no ground has been seen, a wall is what reaches down to the lower edge of the image within this elevation:
+its foot is below the picture. What hangs above it may be the roof over a ramp that goes down."""
+
 LEVEL_M = 0.25
 """Height of one level of the histogram that tells a wall from the ground in front of it."""
 
@@ -85,6 +89,8 @@ def ground_profiles(view: View, h_m: float, max_slope: float) -> tuple[NDArray[n
                 second[sector, cell] = below
     profile = np.empty((SECTORS, cells))
     seen_cells = np.zeros(SECTORS, np.int32)
+    # The last cell in which ground was seen with no wall standing on it: -1 when there is none.
+    last_seen = np.full(SECTORS, -1, np.int32)
     for s in range(SECTORS):
         u = min(width - 1, (2 * s + 1) * width // (2 * SECTORS))
         bx = to_level[0, 0] + to_level[0, 1] * left[u] + to_level[0, 2] * up[height - 1]
@@ -101,6 +107,7 @@ def ground_profiles(view: View, h_m: float, max_slope: float) -> tuple[NDArray[n
             in_view = known >= (lowest_tangent + FIRST_SEEN_MARGIN) * at
             if not in_view or second[s, c] == np.inf:
                 continue
+            accepted = False
             step = low_at[s, c] - known_at
             possible = abs(second[s, c] - known) <= max_slope * step + STEP_TOLERANCE_M
             # Asked of the first ground only: later a grazing ramp may well show in every other cell.
@@ -116,33 +123,43 @@ def ground_profiles(view: View, h_m: float, max_slope: float) -> tuple[NDArray[n
                     if between > 0.0:
                         profile[s, k] = known + (second[s, c] - known) * between
                 known_at, known = low_at[s, c], second[s, c]
-                seen_cells[s] += 1
+                accepted = True
             # Judged from the ground of this very cell: on a ramp that of the last one may lie far below.
             first_level = int((known + WALL_FROM * h_m + h_m + rise_m) / LEVEL_M)
             last_level = int((known + WALL_TO * h_m + h_m + rise_m) / LEVEL_M)
-            walled = points[s, c, max(first_level, 0) : max(last_level, 0)].sum() >= WALL_POINTS
-    _fill_from_neighbours(profile, seen_cells)
+            stands = known_at > 0.0 or second[s, c] <= (lowest_tangent + FOOT_MARGIN) * low_at[s, c]
+            walled = stands and points[s, c, max(first_level, 0) : max(last_level, 0)].sum() >= WALL_POINTS
+            if accepted and not walled:
+                last_seen[s] = c
+                seen_cells[s] += 1
+    _go_on_as_beside(profile, last_seen)
     return profile, seen_cells[SECTORS // 2 - 1] + seen_cells[SECTORS // 2]
 
 
 @compiled
-def _fill_from_neighbours(profile: NDArray[np.float64], seen_cells: NDArray[np.int32]) -> None:
-    """A sector in which no ground was seen has that of the nearest one in which some was.
+def _go_on_as_beside(profile: NDArray[np.float64], last_seen: NDArray[np.int32]) -> None:
+    """Beyond the last ground that was seen in a sector it goes on as in the nearest one that saw further.
 
-    Kept level, its slab leaves the ramp that its neighbours follow and meets the roof: a wall beside free space, which
-    looks like a tangent in the middle of a straight ramp.
+    Kept level, the slab leaves the ramp that its neighbours follow and meets the roof: a wall beside free space, which
+    looks like a tangent in the middle of a straight ramp. And the foot of a wall beside a ramp, where the picture just
+    begins, lies as ground at the same distance would: alone it is not taken for any.
     """
+    seen = profile.copy()
+    cells = profile.shape[1]
     for s in range(SECTORS):
-        if seen_cells[s] > 0:
-            continue
-        for off in range(1, SECTORS):
-            left, right = s - off, s + off
-            if left >= 0 and seen_cells[left] > 0:
-                profile[s] = profile[left]
-                break
-            if right < SECTORS and seen_cells[right] > 0:
-                profile[s] = profile[right]
-                break
+        for c in range(last_seen[s] + 1, cells):
+            for off in range(1, SECTORS):
+                left, right = s - off, s + off
+                if left >= 0 and last_seen[left] >= c:
+                    profile[s, c] = seen[left, c]
+                    break
+                if right < SECTORS and last_seen[right] >= c:
+                    profile[s, c] = seen[right, c]
+                    break
+            else:
+                # Nobody saw so far: as it was.
+                if c > 0 and last_seen.max() >= 0:
+                    profile[s, c] = profile[s, c - 1]
 
 
 @compiled
