@@ -28,9 +28,11 @@ def _room(scan: Scan, critical_m: float, keep_m: float, lead_m: float) -> tuple[
     """The way straight on until something is as near as d_c, and the largest turning radii to the left and right.
 
     Straight on, a point (x, y) with |y| < d_c is as near as d_c after x - √(d_c² - y²): what is passed beside does not
-    stop the vehicle as early as what stands in the way. A left turn of radius R about (0, R) keeps ``keep_m`` from a point (x, y) ahead when
-    x² + y² - keep² >= 2·R·(keep + y); mirrored for a right turn. Points are shifted back by ``lead_m``, the way flown
-    before a turn takes effect.
+    stop the vehicle as early as what stands in the way.
+
+    A left turn of radius R about (0, R) keeps ``keep_m`` from a point (x, y) ahead when x² + y² - keep² >=
+    2·R·(keep + y); mirrored for a right turn. Here points are shifted back by ``lead_m``, the way flown before a turn
+    takes effect.
     """
     bearings, ranges, state, _ = scan
     way = np.inf

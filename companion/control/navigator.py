@@ -142,27 +142,29 @@ class Navigator:
             return laws.circle_yaw_rate_radps(self._circle_direction, self.parameters)
         if self._mode is Mode.TANGENT:
             return laws.tangent_yaw_rate_radps(self._target_bearing_rad(pose), self.parameters)
-        if self.parameters.law == "paper":
-            known = measurement.d_m is not None and measurement.d_dot_mps is not None
-            found = (measurement.d_m, measurement.d_dot_mps) if known else None
+        if self.parameters.law != "paper":
+            wall = self._boundary(scan, pose)
+        elif measurement.d_m is None or measurement.d_dot_mps is None:
+            wall = None
         else:
-            found = self._boundary(scan, pose)
-        return 0.0 if found is None else laws.boundary_yaw_rate_radps(self._gamma, *found, self.parameters)
+            wall = measurement.d_m, measurement.d_dot_mps
+        return 0.0 if wall is None else laws.boundary_yaw_rate_radps(self._gamma, *wall, self.parameters)
 
     def _boundary(self, scan: Scan, pose: Pose) -> tuple[float, float] | None:
-        """d and ḋ of the wall that is followed, as it is from here or from where the vehicle will be, whichever (7)
-        turns further away from; None where there is nothing to follow.
+        """Distance d of the wall that is followed, and its rate; None where there is nothing to follow.
+
+        As it is from here or from where the vehicle will be, whichever (7) turns further away from.
         """
         parameters = self.parameters
         lead_m = max(0.0, min(LEAD_S * pose.towards_mps(0.0), LEAD_SHARE * parameters.margin_m))
-        found = []
+        walls: list[tuple[float, float]] = []
         for ahead_m in (0.0, lead_m):
             nearest = boundary.followed(scan, self._gamma, parameters.critical_margin_m, ahead_m)
             if nearest is not None:
                 d_m, bearing_rad = nearest
                 cruising_mps = laws.cruising_rate_mps(bearing_rad, parameters)
-                found.append((d_m, min(-pose.towards_mps(bearing_rad), cruising_mps)))
-        return min(found, key=lambda wall: laws.sliding_mps(*wall, parameters), default=None)
+                walls.append((d_m, min(-pose.towards_mps(bearing_rad), cruising_mps)))
+        return min(walls, key=lambda wall: laws.sliding_mps(wall[0], wall[1], parameters), default=None)
 
     def _speed_mps(self, measurement: Measurement, scan: Scan, pose: Pose) -> float:
         """Paper eq. (12), lowered by the governor."""

@@ -27,6 +27,7 @@ from companion.model import (
 )
 from companion.perception.approach import Approach, nearest_of
 from companion.perception.depth import Slab, look_ahead
+from companion.perception.ground_below import GroundBelow
 from companion.perception.look import Look, bin_bearings, planar_look
 from companion.perception.rangefinders import Beams, sees_nothing
 from companion.perception.scan_memory import ScanMemory
@@ -36,9 +37,6 @@ from companion.sides import NOTHING_AROUND, Side, Sides
 
 POSE_STALE_S = 0.3
 """A pose older than this is missing: at 0.5 m/s the vehicle is 15 cm from where it says."""
-
-GROUND_S = 10.0
-"""The slab follows the last ground for so long: as long as a flight goes on without a height."""
 
 FARTHEST_GROUND_M = 100.0
 """No rangefinder of ours sees the ground from higher."""
@@ -80,7 +78,7 @@ class Extractor:
             settings.scan.memory_age_s, settings.scan.memory_distance_m, vehicle.body_height_m / 2.0 + BODY_MARGIN_M
         )
         self._shafts = Shafts(settings.scan.memory_distance_m)
-        self._ground: tuple[float, float] | None = None  # its height, and when it was last measured
+        self._ground = GroundBelow(self._slab.half_height_m)
         self._ahead: Look | None = None
         self._ground_slope: float | None = None
         self._around: Look | None = None
@@ -91,11 +89,8 @@ class Extractor:
         """The measurement at ``observation.t_s``, from this observation and the memory of the earlier ones."""
         t_s, pose = observation.t_s, observation.pose
         self._beams.on_readings(observation.ranges, pose)
-        h_m = self._beams.height_m(pose, t_s)
-        if h_m is not None:
-            self._ground = (pose.z_m - h_m, t_s)
-        ground_m = self._ground_m(t_s)
-        over_shaft = h_m is None and ground_m is not None and self._beams.no_ground(t_s)
+        h_m, over_shaft = self._ground.see(self._beams.height_m(pose, t_s), self._beams.no_ground(t_s), pose, t_s)
+        ground_m = self._ground.height_m(t_s)
         if over_shaft:
             self._shafts.mark(pose)
         if observation.frame is not None and observation.frame.pose.is_finite and ground_m is not None:
@@ -135,10 +130,6 @@ class Extractor:
             sides=self._sides(pose, t_s, recent_m),
             over_shaft=over_shaft,
         )
-
-    def _ground_m(self, t_s: float) -> float | None:
-        """Height of the ground as it is, or was a moment ago: at its edge what lies ahead must still be seen."""
-        return self._ground[0] if self._ground is not None and t_s - self._ground[1] <= GROUND_S else None
 
     def _missing(self, pose: Pose, t_s: float, h_m: float | None, looks: Sequence[Look]) -> tuple[Input, ...]:
         lacks = {

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from companion.config.sim import NoiseSettings
 from companion.control.navigator import Navigator
+from companion.control.standing import ROOM_M
 from companion.model import FloatArray, Measurement, Mode, Pose, wrap_rad
 from tests.control.scene import Scene, Track, box, fly, law_parameters, measurement, mirrored_measurement, mirrored_pose
 from tests.control.stages import DT_S, NEVER, ORIGIN, compiled, in_boundary, in_tangent, navigator_with, random_scan
@@ -144,10 +145,10 @@ def test_one_mirrored_tick_gives_the_mirrored_setpoint(
 ) -> None:
     """The same for any single tick, with scans that no real place would give. Dead ahead either side would do.
 
-    Nothing is nearer than d_c in them: an escape draws its side.
+    Nothing is nearer than d_c in them: an escape draws its side, and of several that are as near one is moved from.
     """
     scan = random_scan(np.random.default_rng(seed))
-    scan = scan._replace(ranges_m=np.maximum(scan.ranges_m, law_parameters().critical_margin_m))
+    scan = scan._replace(ranges_m=np.maximum(scan.ranges_m, law_parameters().critical_margin_m + ROOM_M))
     told = measurement(scan, d_m=d_m, d_bearing_rad=bearing_rad, d_front_m=d_m, d_dot_mps=d_dot_mps)
     pose = replace(ORIGIN, x_m=0.5, y_m=0.2, yaw_rad=yaw_rad, vx_mps=0.3, vy_mps=-0.1)
     begin: Callable[..., Navigator] = in_tangent if mode is Mode.TANGENT else in_boundary

@@ -115,9 +115,7 @@ def test_the_governor_never_raises_the_speed_nor_turns_it_round(
 def test_what_is_flown_can_be_braked_before_the_critical_margin(
     scan: Scan, gamma: int | None, forward_mps: float
 ) -> None:
-    """Braked with reaction·v + v²/(2a), nothing before it comes nearer than d_c, but for the creeping that keeps a
-    vehicle from standing for ever.
-    """
+    """Braked with reaction·v + v²/(2a) nothing before it comes nearer than d_c, but for the least speed."""
     speed = governed_speed_mps(5.0, scan, nearest_m(scan), gamma, forward_mps, LAW)
     governor, room_m = LAW.governor, way_m(scan, LAW.critical_margin_m)
     if speed > governor.least_speed_mps:

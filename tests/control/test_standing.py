@@ -10,7 +10,7 @@ import pytest
 
 from companion.control.navigator import Navigator
 from companion.control.parameters import Parameters
-from companion.control.standing import AWAY_MPS, Standing
+from companion.control.standing import AWAY_MPS, ROOM_M, Standing
 from companion.model import HIT, Input, Mode, Pose, Scan, Setpoint
 from companion.sides import NOTHING_AROUND, Side, Sides
 from companion.station_keeping import GAIN_PER_S, MOST_MPS
@@ -24,7 +24,6 @@ from tests.control.stages import (
     beside,
     mode_of,
     navigator_with,
-    wall_ahead,
 )
 
 CREPT_M = 0.08
@@ -68,9 +67,10 @@ def test_what_flies_is_steered_by_the_laws_alone(mode: Mode) -> None:
 
 def test_what_has_flown_on_stands_at_its_next_stop() -> None:
     """Protects from being led back to where it stood before: metres backward, unseen."""
-    navigator = IN_MODE[Mode.BOUNDARY]()
-    for i, (told, x_m) in enumerate([(wall_ahead(0.78), 0.0), (beside(1), 0.5), (wall_ahead(0.78), 1.0)]):
-        stopped = navigator.step(told, replace(ORIGIN, x_m=x_m), DT_S * i)
+    standing = Standing(Parameters())
+    for i, (speed_mps, x_m) in enumerate([(0.0, 0.0), (0.5, 0.5), (0.0, 1.0)]):
+        asked = Setpoint(DT_S * i, speed_mps, 0.0, 0.0)
+        stopped = standing.of(asked, seen(), NOTHING_AROUND, replace(ORIGIN, x_m=x_m))
     assert (stopped.speed_mps, stopped.lateral_mps) == (0.0, 0.0)
 
 
@@ -90,10 +90,10 @@ def test_nobody_is_led_back_by_inputs_that_are_missing() -> None:
 @pytest.mark.parametrize(
     ("sides", "left_mps"),
     [
-        (Sides(right=Side(0.7, 0.0)), 0.2),
-        (Sides(left=Side(0.75, 0.1)), -0.2),
-        (Sides(right=Side(0.85, 0.2)), 0.1),
-        (Sides(right=Side(0.85, 0.1)), 0.0),
+        (Sides(right=Side(ROOM_M + 0.7, 0.0)), 0.2),
+        (Sides(left=Side(ROOM_M + 0.75, 0.1)), -0.2),
+        (Sides(right=Side(ROOM_M + 0.85, 0.2)), 0.1),
+        (Sides(right=Side(ROOM_M + 0.85, 0.1)), 0.0),
         (Sides(left=Side(0.4, 0.0)), -AWAY_MPS),
         (Sides(front=Side(0.4, 0.0), back=Side(0.6, 0.0)), 0.0),
     ],
@@ -126,7 +126,9 @@ def stood(scan: Scan, pose: Pose = ORIGIN) -> Setpoint:
 
 
 @pytest.mark.parametrize("bearing_rad", [0.0, 0.6, -1.2])
-@pytest.mark.parametrize(("range_m", "speed_mps"), [(0.76, 0.0), (0.7, 0.2), (0.5, 0.4)])
+@pytest.mark.parametrize(
+    ("range_m", "speed_mps"), [(ROOM_M + 0.81, 0.0), (ROOM_M + 0.775, 0.05), (ROOM_M + 0.7, 0.2), (0.5, 0.4)]
+)
 def test_it_backs_away_from_a_wall_that_has_come_too_near(bearing_rad: float, range_m: float, speed_mps: float) -> None:
     """Protects from odometry that drifts: by its own position the vehicle stands, and the wall comes nearer."""
     asked = stood(seen((bearing_rad, range_m)))
@@ -146,9 +148,9 @@ def test_it_does_not_back_into_another_wall() -> None:
 def test_it_makes_room_behind_and_beside_too() -> None:
     """Protects from walls that no camera looks at while it turns on the spot, and from a drift towards them."""
     for sides, expected in (
-        (Sides(back=Side(0.7, 0.0)), (0.1, 0.0)),
-        (Sides(left=Side(0.8, 0.2)), (0.0, -0.1)),
-        (Sides(left=Side(0.78, 0.0)), (0.0, 0.0)),
+        (Sides(back=Side(0.8, 0.0)), (0.1, 0.0)),
+        (Sides(left=Side(0.9, 0.2)), (0.0, -0.1)),
+        (Sides(left=Side(ROOM_M + 0.81, 0.0)), (0.0, 0.0)),
     ):
         asked = Standing(Parameters()).of(Setpoint(0.0, 0.0, 0.0, 0.2), seen(), sides, ORIGIN)
         assert (asked.speed_mps, asked.lateral_mps) == pytest.approx(expected), sides
@@ -165,5 +167,5 @@ def test_after_backing_away_it_stays_where_it_then_stands() -> None:
     still = Setpoint(0.0, 0.0, 0.0, 0.0)
     standing.of(still, seen(), NOTHING_AROUND, ORIGIN)
     standing.of(replace(still, t_s=1.0), seen((0.0, 0.5)), NOTHING_AROUND, ORIGIN)
-    after = standing.of(replace(still, t_s=2.0), seen((0.0, 0.8)), NOTHING_AROUND, replace(ORIGIN, x_m=-0.2))
+    after = standing.of(replace(still, t_s=2.0), seen((0.0, ROOM_M + 0.81)), NOTHING_AROUND, replace(ORIGIN, x_m=-0.2))
     assert (after.speed_mps, after.lateral_mps) == (0.0, 0.0)

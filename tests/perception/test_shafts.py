@@ -9,7 +9,7 @@ import pytest
 
 from companion.config.sensors import BeamSettings, SensorSettings
 from companion.model import HIT, Beam, Input
-from companion.perception.extract import GROUND_S
+from companion.perception.ground_below import KEPT_S
 from companion.perception.shafts import APART_M, MOST, Shafts
 from tests.perception.observations import BEAM_LIMIT_M, BEAM_STALE_S, DOWN, SMALL, extractor, later, observed, scan_of
 from tests.perception.scenes import AT_START, FLOOR, ROOF
@@ -32,14 +32,48 @@ def test_a_place_without_ground_is_an_obstacle_from_then_on() -> None:
         assert not scan_of(back).fresh[scan_of(back).state == HIT].any()
 
 
+@pytest.mark.parametrize("fallen_m", [1.2, 5.0])
+def test_a_step_down_that_it_could_not_come_up_again_is_one_too(fallen_m: float) -> None:
+    """Protects the way home: over a step of 5 m in a mine's floor it flew on, sank, and never came back."""
+    extract = extractor(SensorSettings(camera=SMALL, beams=BeamSettings(directions=(Beam.DOWN,))))
+    extract.measure(observed(AT_START, OPEN, DOWN))
+    for i in range(1, 4):
+        below = {Beam.DOWN: DOWN[Beam.DOWN] + fallen_m}
+        over = extract.measure(observed(later(AT_START, 0.2 * i, x_m=0.2 * i), OPEN, below))
+        assert (over.h_m, over.missing, over.over_shaft) == (None, (Input.HEIGHT,), True)
+    back = extract.measure(observed(later(AT_START, 1.0, x_m=-0.2), OPEN, DOWN))
+    assert (back.missing, back.over_shaft) == ((), False)
+    assert (back.d_m, back.d_bearing_rad) == pytest.approx((0.4, 0.0), abs=0.02)
+
+
+@pytest.mark.parametrize("fallen_m", [0.4, 0.9])
+def test_a_step_that_it_comes_up_again_is_ground(fallen_m: float) -> None:
+    """Protects the ways over rubble and low steps, which are flown both up and down."""
+    extract = extractor()
+    extract.measure(observed(AT_START, OPEN, DOWN))
+    lower = {Beam.DOWN: DOWN[Beam.DOWN] + fallen_m}
+    found = extract.measure(observed(later(AT_START, 0.2, x_m=0.2), OPEN, lower))
+    assert found.h_m == pytest.approx(DOWN[Beam.DOWN] + fallen_m)
+    assert not found.over_shaft
+
+
+def test_a_leap_of_the_position_is_no_step() -> None:
+    """Protects the flight: the ground is as far below as it was, whatever the estimate says of the height."""
+    extract = extractor()
+    extract.measure(observed(AT_START, OPEN, DOWN))
+    found = extract.measure(observed(later(AT_START, 0.2, z_m=AT_START.z_m - 3.0), OPEN, DOWN))
+    assert found.h_m == pytest.approx(DOWN[Beam.DOWN])
+    assert not found.over_shaft
+
+
 def test_at_the_edge_it_still_sees_ahead() -> None:
     """Protects the way back: without a height no image would be read, and depth would be missing as well."""
     extract = extractor()
     extract.measure(observed(AT_START, OPEN, DOWN))
-    for after_s in (0.5, 5.0, GROUND_S):
+    for after_s in (0.5, 5.0, KEPT_S):
         found = extract.measure(observed(later(AT_START, after_s), OPEN, NO_GROUND))
         assert found.missing == (Input.HEIGHT,), after_s
-    gone = extract.measure(observed(later(AT_START, GROUND_S + 1.0), OPEN, NO_GROUND))
+    gone = extract.measure(observed(later(AT_START, KEPT_S + 1.0), OPEN, NO_GROUND))
     assert gone.missing == (Input.DEPTH, Input.HEIGHT)
 
 

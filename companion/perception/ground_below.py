@@ -1,0 +1,58 @@
+"""The ground below the vehicle: how high it is, and where it ends.
+
+It ends where the beam downward sees none, and where it falls by more than the vehicle could come up again: on the way
+back such a step is a wall in the slab. Nobody who wants to come home flies down there.
+"""
+
+from __future__ import annotations
+
+from companion.model import Pose
+
+KEPT_S = 10.0
+"""The slab follows the last ground for so long: as long as a flight goes on without a height."""
+
+LEAST_DROP_M = 0.5
+"""A fall by less is rubble, however low the vehicle flies."""
+
+
+class GroundBelow:
+    """The last ground that was measured.
+
+    Args:
+        slab_half_height_m: what stands higher above the ground than the height flown less this is a wall.
+    """
+
+    def __init__(self, slab_half_height_m: float) -> None:
+        self._slab_half_height_m = slab_half_height_m
+        self._known: tuple[float, float, float] | None = None  # its height, the height above it, and when
+
+    def see(self, h_m: float | None, no_ground: bool, pose: Pose, t_s: float) -> tuple[float | None, bool]:
+        """What the beam downward says now.
+
+        Args:
+            h_m: the height above ground, None where it says none.
+            no_ground: it sees nothing as far as it reaches.
+            pose: of this moment.
+            t_s: now.
+
+        Returns:
+            The height above ground that may be flown at, None where there is none; and whether the ground has ended.
+        """
+        if self.height_m(t_s) is None:
+            self._known = None
+        if h_m is not None and not self._has_fallen(h_m, pose):
+            self._known = (pose.z_m - h_m, h_m, t_s)
+            return h_m, False
+        return None, self._known is not None and (h_m is not None or no_ground)
+
+    def height_m(self, t_s: float) -> float | None:
+        """Height of the ground as it is, or was a moment ago: at its edge what lies ahead must still be seen."""
+        return self._known[0] if self._known is not None and t_s - self._known[2] <= KEPT_S else None
+
+    def _has_fallen(self, h_m: float, pose: Pose) -> bool:
+        """Whether the reading itself has jumped, and with it the ground: a leap of the position moves only one."""
+        if self._known is None:
+            return False
+        ground_m, flown_m, _ = self._known
+        drop_m = max(LEAST_DROP_M, flown_m - self._slab_half_height_m)
+        return h_m - flown_m > drop_m and ground_m - (pose.z_m - h_m) > drop_m
