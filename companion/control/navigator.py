@@ -12,6 +12,7 @@ from companion.control.decisions import Choice, LapCounter, TangentLedger
 from companion.control.edges import Edge
 from companion.control.governor import governed_speed_mps
 from companion.control.known_ground import KnownGround
+from companion.control.panorama import Panorama
 from companion.control.parameters import Parameters
 from companion.control.ramp import Ramp
 from companion.control.standing import Standing
@@ -77,6 +78,8 @@ class Navigator:
         self._ramp = Ramp(parameters.max_accel_mps2, parameters.period_s)
         self._standing = Standing(parameters)
         self._trail = Trail()
+        self._panorama = Panorama()
+        self._is_stuck = False
         self._pause_until_s = -math.inf
         self._turned_rad = 0.0
         self._last_yaw_rad: float | None = None
@@ -190,13 +193,19 @@ class Navigator:
     # The rules.
 
     def _leave_circle(self, scan: Scan, pose: Pose, t_s: float) -> None:
-        """R1 -> R2 at the first tangent; after a full turn without one, our extension."""
+        """R1 -> R2 at the first tangent; after a full turn without one, our extensions."""
+        self._panorama.see(scan, pose)
         for edge in edges.find_edges(scan, self.parameters):
             if self._corridor_is_free(scan, edge):
                 self._pursue(edge, pose, t_s)
                 return
-        if abs(self._turned_rad) >= 2.0 * math.pi:
-            self._extend(scan, pose, t_s)
+        if abs(self._turned_rad) < 2.0 * math.pi:
+            return
+        around = self._panorama.scan(scan, pose)
+        if self._is_stuck:
+            self._escape(around, pose, t_s)
+        else:
+            self._extend(around, pose, t_s)
 
     def _leave_tangent(self, measurement: Measurement, pose: Pose, t_s: float) -> None:
         """R2 -> R3 at T_m, past T_m, or at a boundary that comes first; R2 -> R1 when T_m comes no nearer."""
@@ -219,6 +228,9 @@ class Navigator:
         if measurement.d_m is None or measurement.d_bearing_rad is None:
             return False
         ahead_rad = abs(measurement.d_bearing_rad)
+        if self._escapes():
+            # Where it has no room it cannot keep d_s: there it flies on as long as it comes nearer to where it has.
+            return measurement.d_m < self.parameters.critical_margin_m and ahead_rad < OBSTACLE_AHEAD_RAD
         inside_m = 0.5 * (self.parameters.margin_m + self.parameters.critical_margin_m)
         return (measurement.d_m <= self.parameters.margin_m and ahead_rad < OBSTACLE_AHEAD_RAD) or (
             measurement.d_m <= inside_m and ahead_rad < math.pi / 2.0
@@ -235,10 +247,10 @@ class Navigator:
             self._anchor = (pose.x_m, pose.y_m)
             self._turned_rad = 0.0
         elif abs(self._turned_rad) > STUCK_TURNS * 2.0 * math.pi:
-            self._escape(scan, pose, t_s)
+            self._look_round(pose, t_s)
             return
         if not edges.has_way_on(scan, self.parameters.critical_margin_m):
-            self._escape(scan, pose, t_s)
+            self._look_round(pose, t_s)
             return
         if self._laps.has_come_round(pose) and self._rng.random() < self._choice.after_lap():
             self._escape(scan, pose, t_s)
@@ -283,6 +295,11 @@ class Navigator:
         else:
             self._fly_to(float(scan.bearings_rad[nearest]), room_m, TargetKind.WALL, pose, t_s)
 
+    def _look_round(self, pose: Pose, t_s: float) -> None:
+        """Not in the paper: where R3 has no way on, turn once round and then leave, unless a tangent shows before."""
+        self._enter(Mode.CIRCLE, pose, t_s)
+        self._is_stuck = True
+
     def _escape(self, scan: Scan, pose: Pose, t_s: float) -> None:
         """Not in the paper: leave along the longest corridor that the body fits through."""
         bearing_rad, length_m = edges.open_direction(scan, self.parameters.critical_margin_m)
@@ -311,6 +328,8 @@ class Navigator:
             self._target = None
         if mode is Mode.CIRCLE:
             self._circle_direction = self._either_side()
+            self._panorama.begin()
+            self._is_stuck = False
 
     def _count_turning(self, pose: Pose) -> None:
         if self._last_yaw_rad is not None:

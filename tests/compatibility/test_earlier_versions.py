@@ -82,8 +82,8 @@ def test_figures_of_an_earlier_recording(flight: Path, printed: Printed) -> None
 def test_an_earlier_recording_is_measured_as_then(flight: Path) -> None:
     """Protects perception through every rewriting: heights of that version, but for rounding.
 
-    d to 5 mm: the memory keeps every pixel now, where it kept the nearest of each bearing. The slope to 2 mm a metre: the
-    profile goes on differently beyond the last ground that was seen.
+    d to 5 mm: the memory keeps every pixel now, where it kept the nearest of each bearing. The slope to 2 mm a metre:
+    beyond the last ground that was seen the profile goes on as beside.
 
     Not tied to the processor it was recorded on: kernels without AVX-512 gave the same bits. If a processor or a
     release of numpy rounds differently one day, that is a difference of some 1e-16, not a change of what is measured.

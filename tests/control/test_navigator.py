@@ -17,8 +17,8 @@ from companion.control import edges
 from companion.control.known_ground import KnownGround
 from companion.control.navigator import FORGET_TANGENT_S, Navigator
 from companion.control.target import TargetKind
-from companion.model import HIT, UNKNOWN, Input, Measurement, Mode, Pose, wrap_rad
-from tests.control.scene import BEARINGS_RAD, Scene, box, fly, law_parameters, measurement
+from companion.model import CLEAR, HIT, UNKNOWN, Input, Measurement, Mode, Pose, Scan, wrap_rad
+from tests.control.scene import BEARINGS_RAD, Scene, box, fly, law_parameters, measurement, scan_of
 from tests.control.stages import (
     ALWAYS,
     DT_S,
@@ -451,26 +451,62 @@ def test_turning_on_the_spot_for_long_is_left_for_open_ground() -> None:
 
 
 @pytest.mark.parametrize("speed_law", ["paper", "governor"])
-def test_where_no_heading_lets_it_fly_it_leaves_at_once(speed_law: str) -> None:
-    """Half d_c before a wall (12) allows no heading at all: waiting for turns it would only drift into the wall.
+def test_where_no_heading_lets_it_fly_it_looks_round_and_leaves(speed_law: str) -> None:
+    """Half d_c before a wall (12) allows no heading at all: waiting for turns of R3 it would only drift into the wall.
 
-    It stands, or backs away, until it has turned towards the open, and the wall that it leaves does not count as one
-    that comes first.
+    It stands, or backs away, while it turns once round, and leaves along what it saw then; the wall that it leaves does
+    not count as one that comes first.
     """
     scene = Scene(box(0.35, -30.0, 40.0, 30.0))
     navigator = in_boundary(1, speed_law=speed_law)
-    turning = [navigator.step(scene.measure(ORIGIN), ORIGIN, 0.1)]
+    for i in range(24):
+        pose = replace(ORIGIN, yaw_rad=wrap_rad(0.3 * i))
+        asked = navigator.step(scene.measure(pose), pose, 0.1 + 0.5 * i)
+        assert (mode_of(navigator) is Mode.CIRCLE) == (i < 21), "it looks round first"
+        if i < 21:
+            to_wall_mps = asked.speed_mps * math.cos(pose.yaw_rad) - asked.lateral_mps * math.sin(pose.yaw_rad)
+            assert to_wall_mps <= 1e-9
     assert mode_of(navigator) is Mode.TANGENT
+    assert navigator.status.extensions == 1
     target = navigator.status.target
     assert target is not None
     assert target.kind is TargetKind.OPEN
     assert target.x_m < -1.0
-    turning.append(navigator.step(scene.measure(ORIGIN), ORIGIN, 0.2))
-    assert mode_of(navigator) is Mode.TANGENT
-    assert all(setpoint.speed_mps <= 0.0 and setpoint.yaw_rate_radps != 0.0 for setpoint in turning)
     away = replace(ORIGIN, yaw_rad=math.atan2(target.y_m, target.x_m))
-    assert navigator.step(scene.measure(away), away, 0.3).speed_mps > 0.3
+    assert navigator.step(scene.measure(away), away, 13.0).speed_mps > 0.3
     assert mode_of(navigator) is Mode.TANGENT
+
+
+def test_it_leaves_along_what_it_saw_while_it_turned() -> None:
+    """Protects from a niche: its mouth was behind the camera when the turn ended, and so it was unknown, not free."""
+    navigator = in_boundary(1)
+
+    def looked(pose: Pose) -> Measurement:
+        # A niche with rock within d_c on the one side and its mouth to the west; a camera sees a quarter of it.
+        scan = scan_of(lambda b: math.inf if abs(wrap_rad(b + pose.yaw_rad - math.pi)) < 1.6 else 0.75)
+        unseen = np.abs(scan.bearings_rad) > math.radians(43.0)
+        return measurement(
+            Scan(
+                scan.bearings_rad,
+                np.where(unseen & (scan.state == CLEAR), 0.0, scan.ranges_m),
+                np.where(unseen & (scan.state == CLEAR), UNKNOWN, scan.state).astype(np.uint8),
+                ~unseen,
+            ),
+            d_m=0.75,
+            d_bearing_rad=wrap_rad(-pose.yaw_rad),
+            d_front_m=0.75,
+            d_dot_mps=0.0,
+        )
+
+    for i in range(25):
+        pose = replace(ORIGIN, yaw_rad=wrap_rad(0.3 * i))
+        navigator.step(looked(pose), pose, 0.1 + 0.5 * i)
+        if mode_of(navigator) is Mode.TANGENT:
+            break
+    assert navigator.status.target is not None
+    assert navigator.status.target.kind is TargetKind.OPEN
+    assert abs(wrap_rad(navigator.status.target.bearing_rad(ORIGIN) - math.pi)) < 0.6
+    assert abs(pose.yaw_rad) < 1.0, "the mouth was behind it then"
 
 
 # Every mode against every event. R1 and R2 begin at ORIGIN with T_m at (4, -1); R3 follows a wall on its left there.
