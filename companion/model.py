@@ -219,7 +219,8 @@ class Measurement:
         scan_age_s: how old the newest look ahead is, in s.
         scan: N(t), or ``None`` when nothing has looked ahead recently enough.
         h_m: height above ground along gravity, tilt compensated; ``None`` when not known.
-        roof_m: free height above the vehicle; ``None`` when not known.
+        roof_m: free height above the vehicle, and above the way that it needs to stand; ``None`` when not known.
+        rise_m: by how much the highest ground on the way that it needs to stand lies above that below it.
         ground_slope: rise over run of the ground ahead along the heading; ``None`` when not known.
         d_m: least horizontal distance to any obstacle; ``None`` when nothing is near enough to be seen.
         d_bearing_rad: bearing α* of that obstacle.
@@ -249,6 +250,7 @@ class Measurement:
     missing: tuple[Input, ...] = ()
     sides: Sides = NOTHING_AROUND
     over_shaft: bool = False
+    rise_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

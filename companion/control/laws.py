@@ -84,13 +84,18 @@ def speed_mps(mode: Mode, d_front_m: float | None, parameters: Parameters) -> fl
 
 
 def climb_mps(
-    height_m: float, h_m: float, roof_m: float | None, ground_climb_mps: float, parameters: Parameters
+    height_m: float,
+    h_m: float,
+    roof_m: float | None,
+    ground_climb_mps: float,
+    parameters: Parameters,
+    rise_m: float = 0.0,
 ) -> float:
-    """Paper eq. (6): g·(H - h), with the climb rate of the ground ahead added and the roof respected.
+    """Paper eq. (6): g·(H - h), with the climb rate of the ground ahead added, and roof and rises respected.
 
     The proportional law alone stays behind by slope·v/g on a slope; the feed-forward removes that offset. Under a low
-    roof the vehicle stays ``vertical_margin_m`` below it even where H would be higher, but never gives up more than
-    half of the room: the middle between ground and roof is the lowest height that a roof can ask for.
+    roof the vehicle stays ``vertical_margin_m`` below it even where H would be higher, and over a rise as much above
+    that even where H would be lower. Where both cannot be, it flies in the middle between them.
 
     Args:
         height_m: H, the height above ground to hold.
@@ -98,10 +103,13 @@ def climb_mps(
         roof_m: free height above the vehicle, None when not known.
         ground_climb_mps: forward speed times slope of the ground ahead, 0 when not known.
         parameters: the law's settings.
+        rise_m: by how much the highest ground on the way ahead lies above that below.
     """
-    wanted_m = height_m
+    margin_m = parameters.vertical_margin_m
+    # Whoever asks for a height below the margin over level ground gets it.
+    wanted_m = max(height_m, rise_m + min(margin_m, height_m))
     if roof_m is not None:
         room_m = h_m + roof_m
-        wanted_m = min(wanted_m, max(room_m - parameters.vertical_margin_m, room_m / 2.0))
+        wanted_m = min(wanted_m, max(room_m - margin_m, (room_m + rise_m) / 2.0))
     climb = parameters.height_gain_per_s * (wanted_m - h_m) + ground_climb_mps
     return max(-parameters.max_climb_mps, min(parameters.max_climb_mps, climb))

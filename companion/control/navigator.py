@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.control import boundary, edges, laws
+from companion.control import boundary, climbing, edges, laws
 from companion.control.decisions import Choice, LapCounter, TangentLedger
 from companion.control.edges import Edge
 from companion.control.governor import governed_speed_mps
@@ -113,7 +113,7 @@ class Navigator:
         scan = measurement.scan
         readable = scan is not None and _is_finite(measurement, pose)
         self._holding = bool(measurement.missing) or not readable
-        climb = self._climb_mps(measurement, pose)
+        climb = climbing.climb_mps(self.height_m, measurement, pose, self._holding, self.parameters)
         lost_ground = measurement.over_shaft and measurement.missing == (Input.HEIGHT,) and readable
         if lost_ground:
             self._trail.begin(pose)
@@ -179,16 +179,6 @@ class Navigator:
         gamma = self._gamma if self._mode is Mode.BOUNDARY else None
         nearest_m = math.inf if measurement.d_m is None else measurement.d_m
         return governed_speed_mps(speed, scan, nearest_m, gamma, pose.towards_mps(0.0), self.parameters)
-
-    def _climb_mps(self, measurement: Measurement, pose: Pose) -> float:
-        """Paper eq. (6); 0 when the height is not known."""
-        if measurement.h_m is None or not math.isfinite(measurement.h_m):
-            return 0.0
-        ground_climb = 0.0
-        slope = measurement.ground_slope
-        if self.parameters.climb_feed_forward and slope is not None and math.isfinite(slope) and not self._holding:
-            ground_climb = pose.towards_mps(0.0) * slope
-        return laws.climb_mps(self.height_m, measurement.h_m, measurement.roof_m, ground_climb, self.parameters)
 
     # The rules.
 

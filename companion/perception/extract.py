@@ -47,6 +47,9 @@ AHEAD_MARGIN_M = 0.1
 BODY_MARGIN_M = 0.1
 """Added above and below the body: what is remembered so near to its height is in its way."""
 
+STANDS_S = 1.5
+"""So many seconds further on a vehicle stands when it begins to brake now: 0.6 m at 0.4 m/s."""
+
 LOOK_M = 5.0
 """A bearing looks along the way when it is still within the width this far out: the bearings beside leave it sooner."""
 
@@ -113,12 +116,14 @@ class Extractor:
         scan, recent_m = self._scan(looks, pose, t_s) if looks and pose.is_finite else (None, None)
         d_m, d_bearing_rad = (nearest(scan, self._all_round) if scan else None) or (None, None)
         front = nearest(scan, self._in_front) if scan else None
+        roof_m, rise_m = self._vertical_m(pose, h_m, t_s)
         return Measurement(
             t_s=t_s,
             scan_age_s=t_s - max((look.t_s for look in known), default=-math.inf),
             scan=scan,
             h_m=h_m,
-            roof_m=self._beams.level_m(Beam.UP, pose, t_s),
+            roof_m=roof_m,
+            rise_m=rise_m,
             ground_slope=self._ground_slope if self._ahead in looks else None,
             d_m=d_m,
             d_bearing_rad=d_bearing_rad,
@@ -130,6 +135,15 @@ class Extractor:
             sides=self._sides(pose, t_s, recent_m),
             over_shaft=over_shaft,
         )
+
+    def _vertical_m(self, pose: Pose, h_m: float | None, t_s: float) -> tuple[float | None, float]:
+        """The roof above, and the rise of the ground ahead: a beam looks at one point, the camera saw the rest."""
+        beam_m = self._beams.level_m(Beam.UP, pose, t_s)
+        ahead_m = pose.towards_mps(0.0) * STANDS_S if pose.is_finite_in_plane else 0.0
+        up_m, down_m = self._memory.above_and_below(pose, self._half_width_m, ahead_m, t_s)
+        roof_m = min(math.inf if beam_m is None else beam_m, up_m)
+        rise_m = 0.0 if h_m is None else max(0.0, h_m - down_m)
+        return (roof_m if math.isfinite(roof_m) else None), rise_m
 
     def _missing(self, pose: Pose, t_s: float, h_m: float | None, looks: Sequence[Look]) -> tuple[Input, ...]:
         lacks = {

@@ -90,6 +90,29 @@ class ScanMemory:
             )
         )
 
+    def above_and_below(self, pose: Pose, radius_m: float, ahead_m: float, t_s: float) -> tuple[float, float]:
+        """Free height up to the lowest rock, and down to the highest, over what the body flies over and under.
+
+        Args:
+            pose: where it is.
+            radius_m: of the body, with what it is to be clear of.
+            ahead_m: so far along the heading it may get until it stands.
+            t_s: now.
+
+        Returns:
+            Both from the middle of the body; infinite where nothing is known.
+        """
+        if not pose.is_finite:
+            return math.inf, math.inf
+        up_m, down_m = _above_and_below(
+            self._points,
+            self._seen_s,
+            (pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad),
+            (radius_m, max(0.0, ahead_m), self._half_height_m),
+            t_s - self._max_age_s,
+        )
+        return float(up_m), float(down_m)
+
 
 @compiled
 def _cell(x_m: float, y_m: float, z_m: float) -> tuple[int, int, int]:
@@ -234,3 +257,37 @@ def _recall(
                     state[b] = HIT
                     fresh[b] = False
     return recent
+
+
+@compiled
+def _above_and_below(
+    points: NDArray[np.float64],
+    seen: NDArray[np.float64],
+    where: tuple[float, float, float, float],
+    swept: tuple[float, float, float],
+    since_s: float,
+) -> tuple[float, float]:
+    x_m, y_m, z_m, yaw_rad = where
+    radius_m, ahead_m, half_height_m = swept
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    up, down = np.inf, np.inf
+    reach = min(int(np.ceil((radius_m + ahead_m) / CELL_M)) + 1, CELLS // 2 - 1)
+    column_0, row_0 = int(np.floor(x_m / CELL_M)), int(np.floor(y_m / CELL_M))
+    for level in range(LEVELS):
+        for row in range(row_0 - reach, row_0 + reach + 1):
+            for column in range(column_0 - reach, column_0 + reach + 1):
+                cell = level, row % CELLS, column % CELLS
+                if not seen[cell] >= since_s:
+                    continue
+                point = points[cell]
+                dx, dy = point[0] - x_m, point[1] - y_m
+                along, beside = dx * cos + dy * sin, dy * cos - dx * sin
+                off = along - min(max(along, 0.0), ahead_m)
+                if off * off + beside * beside > radius_m * radius_m:
+                    continue
+                # What is at the height of the body is in its way, and not below or above it.
+                if point[2] > z_m + half_height_m:
+                    up = min(up, point[2] - z_m)
+                elif point[3] < z_m - half_height_m:
+                    down = min(down, z_m - point[3])
+    return up, down

@@ -53,6 +53,31 @@ def test_what_lies_in_the_way_counts_on_whichever_side_it_is(gamma: int) -> None
     assert found[0] == pytest.approx(math.hypot(0.7, 0.5), abs=0.03)
 
 
+@pytest.mark.parametrize("gamma", [-1, 1])
+def test_seen_from_further_on_the_wall_ahead_comes_first(gamma: int) -> None:
+    """Protects from creeping up to every corner: the wall ahead was none until it was nearer than the one beside."""
+    corner = seen(gamma, (1.3, 0.0))
+    here, there = (followed(corner, gamma, HALF_WIDTH_M, lead_m) for lead_m in (0.0, 0.4))
+    assert here == pytest.approx((1.0, gamma * math.pi / 2.0), abs=0.03)
+    assert there == pytest.approx((0.9, 0.0), abs=0.06)
+
+
+def test_before_a_corner_the_smooth_law_turns_away_and_never_towards_it_early() -> None:
+    """Protects d_s on both: an arc before the wall that comes, and none into the edge that the vehicle has to pass."""
+    pose = replace(ORIGIN, vx_mps=0.4)
+    turns = {}
+    for name, scan in (
+        ("wall ahead", seen(-1, (1.3, 0.0))),
+        # The wall on the right ends 0.3 m further on: from there it lies behind, and (7) would turn towards it.
+        ("edge to pass", scan_of(lambda b: -1.0 / math.sin(b) if -2.9 < b < -math.atan2(1.0, 0.3) else math.inf)),
+    ):
+        navigator = in_boundary(-1, law="smooth")
+        navigator.step(looking(scan), replace(pose, x_m=-0.02), 0.0)
+        turns[name] = navigator.step(looking(scan), pose, DT_S).yaw_rate_radps
+    assert turns["wall ahead"] > 0.5, "away from the wall on the right and the one ahead"
+    assert turns["edge to pass"] == pytest.approx(0.0, abs=0.1)
+
+
 def test_nothing_to_follow_is_none() -> None:
     """Protects from a wall that is not there: then it flies straight on, and R3 ends after a while."""
     assert followed(scan_of(lambda _: math.inf), 1, HALF_WIDTH_M) is None

@@ -22,13 +22,13 @@ PLACES = tuple(itertools.product((-3.0, -1.0, 1.0, 4.0), (-0.8, 0.0, 0.8), (-0.5
 """Before the ramp and on it, to either side of the middle, askew: x, y, yaw."""
 
 
-def looks_with_edges(slope: float) -> int:
-    """Of `PLACES`, where an edge is seen in a drift 4 m wide that is straight but for its slope."""
+def looks_with_edges(slope: float, half_width_m: float) -> int:
+    """Of `PLACES`, where an edge is seen in a drift that is straight but for its slope."""
     rng = np.random.default_rng(1)
     found = 0
     for x_m, y_m, yaw_rad in PLACES:
         pose = replace(AT_START, x_m=x_m, y_m=y_m, z_m=slope * max(x_m, 0.0) + H_M, yaw_rad=yaw_rad, pitch_rad=0.05)
-        image = frame(ramp(0.0, slope), pose)
+        image = frame(ramp(0.0, slope, half_width_m), pose)
         noise = rng.normal(0.0, 0.002, image.depth_m.shape) * image.depth_m**2
         image = replace(image, depth_m=(image.depth_m + noise).astype(np.float32))
         look, _ = look_ahead(view_of(image), image, H_M, SLAB, BINS)
@@ -36,10 +36,12 @@ def looks_with_edges(slope: float) -> int:
     return found
 
 
-@pytest.mark.parametrize(("slope", "most"), [(-0.15, 0), (0.15, 0), (0.25, 0), (-0.25, 1), (0.35, 2), (-0.35, 3)])
-def test_a_straight_ramp_shows_hardly_an_edge(slope: float, most: int) -> None:
+@pytest.mark.parametrize("half_width_m", [2.0, 2.7])
+@pytest.mark.parametrize("slope", [-0.15, 0.15, 0.25, -0.25, 0.35, -0.35])
+def test_a_straight_ramp_shows_no_edge(slope: float, half_width_m: float) -> None:
     """Protects from a turn in the middle of a ramp: of 60 looks down one of 35 %, 18 showed a tangent.
 
-    What is left is where the image's outermost sector sees roof and ground at once; of such slopes few are driven.
+    Down it, the foot of the wall beside lies where level ground would, and the roof ahead where a wall would. One look
+    askew down the steepest, in the wider drift, still shows one.
     """
-    assert looks_with_edges(slope) <= most
+    assert looks_with_edges(slope, half_width_m) <= (slope == -0.35 and half_width_m > 2.0)

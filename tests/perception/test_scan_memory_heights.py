@@ -99,3 +99,35 @@ def test_a_pose_that_is_none_remembers_and_recalls_nothing_wrong(broken: dict[st
     ranges_m = recalled(there, AT_START)
     assert all(math.isfinite(range_m) for range_m in ranges_m)
     assert bool(ranges_m) is ("vz_mps" in broken)
+
+
+def flown_towards(x_m: float, low_m: float, high_m: float) -> list[tuple[float, float]]:
+    """Roof and rise, of a vehicle that comes to a board across its way which it saw from afar, by distance."""
+    extract = extractor()
+    there = board(x_m, 0.0, 1.0, low_m=low_m, high_m=high_m)
+    found = []
+    for at_m in (0.0, x_m - 1.2, x_m - 0.6, x_m):
+        pose = later(AT_START, 0.1 + 0.2 * at_m, x_m=at_m, vx_mps=0.4)
+        surfaces = [FLOOR, ROOF] if at_m > 0.0 else [FLOOR, ROOF, there]
+        told = extract.measure(observed(pose, surfaces, DOWN))
+        found.append((math.inf if told.roof_m is None else told.roof_m, told.rise_m))
+    return found
+
+
+def test_what_hangs_from_the_roof_is_known_before_the_beam_sees_it() -> None:
+    """Protects the body: the beam upward looks at one point, above the middle of the body."""
+    above = [roof_m for roof_m, _ in flown_towards(4.0, 2.25, 2.8)]
+    assert above[1] > 1.3, "it stands before it gets there"
+    assert above[2:] == pytest.approx([0.75, 0.75], abs=0.2), "to two pixels of a coarse camera"
+
+
+def test_a_step_in_the_floor_is_known_before_the_beam_sees_it() -> None:
+    """Protects from steps: the beam downward sees one only when the vehicle is above it."""
+    rises = [rise_m for _, rise_m in flown_towards(4.0, 0.4, 0.85)]
+    assert rises[1] < 0.1
+    assert rises[2:] == pytest.approx([0.85, 0.85], abs=0.2)
+
+
+def test_a_pose_that_is_no_number_knows_of_nothing() -> None:
+    """Protects the index of a cell."""
+    assert memory().above_and_below(later(AT_START, 0.0, x_m=math.nan), 0.4, 0.5, 0.0) == (math.inf, math.inf)
