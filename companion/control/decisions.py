@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 
 from companion.control.edges import Edge
+from companion.control.informed import Way, Ways, find_ways
 from companion.control.known_ground import KnownGround, WallFollowing
 from companion.control.parameters import Parameters
 from companion.control.target import world_point
@@ -28,6 +29,18 @@ LOOK_PERIOD_S = 0.5
 
 SAME_WAY_M = 2.0
 """Ways to unseen ground that differ by less than this, four cells, do not decide."""
+
+PLAN_PERIOD_S, REFUSED_S = 1.0, 10.0
+"""Time between two looks for a way over known ground, and after one that was not taken."""
+
+THERE_M = 1.0
+"""Where the way to the unseen is no longer than this, the vehicle has come to it."""
+
+SAME_GOAL_M = 3.0
+"""Two goals nearer to each other than this are one."""
+
+GIVEN_UP_M = 1.5
+"""What is still unseen so near to where it was looked for, cannot be seen from there."""
 
 
 @dataclass(slots=True)
@@ -113,12 +126,70 @@ class Choice:
         self._parameters = parameters
         self._ground = ground
         self._next_look_s = -math.inf
+        self._next_plan_s = -math.inf
+        self._goal_m = (math.inf, math.inf)
+        self._blocked_m: tuple[float, float] | None = None
 
     def see(self, scan: Scan, pose: Pose, t_s: float) -> None:
         """Note what has been seen, twice a second: that is every quarter of a metre."""
-        if self._parameters.choice == "frontier" and t_s >= self._next_look_s:
+        if self._parameters.choice != "coin" and t_s >= self._next_look_s:
             self._next_look_s = t_s + LOOK_PERIOD_S
             self._ground.see(scan, pose)
+
+    def better_way(self, gamma: int, pose: Pose, t_s: float) -> Way | None:
+        """A way over known ground to the unseen that is shorter than following on; None where there is none.
+
+        Args:
+            gamma: Γ of the boundary that is followed.
+            pose: of now.
+            t_s: now; asked more often than `PLAN_PERIOD_S` it is None, and for a while after `refuse`.
+        """
+        if self._parameters.choice != "informed" or t_s < self._next_plan_s:
+            return None
+        self._next_plan_s = t_s + PLAN_PERIOD_S
+        ways = find_ways(self._ground, pose.x_m, pose.y_m)
+        way = None if ways is None else ways.way(pose.x_m, pose.y_m, pose.yaw_rad)
+        if ways is None or way is None:
+            return None
+        onward_m = ways.along_m(WallFollowing(pose.x_m, pose.y_m, pose.yaw_rad, gamma))
+        if onward_m <= way.length_m + SAME_WAY_M:
+            return None
+        self._goal_m = way.goal_x_m, way.goal_y_m
+        return way
+
+    def onward(self, pose: Pose) -> Way | None:
+        """The rest of a way over known ground, from where one of its straights has ended; None where it has ended.
+
+        There what is still unseen is given up.
+        """
+        ways = find_ways(self._ground, pose.x_m, pose.y_m)
+        way = None if ways is None else ways.way(pose.x_m, pose.y_m, pose.yaw_rad)
+        if way is None:
+            return None
+        self._goal_m = way.goal_x_m, way.goal_y_m
+        if math.dist(self._goal_m, (pose.x_m, pose.y_m)) > THERE_M:
+            return way
+        self._ground.give_up(way.goal_x_m, way.goal_y_m, GIVEN_UP_M)
+        return None
+
+    def side(self, pose: Pose) -> int:
+        """Γ of the boundary that leads to the unseen sooner; 0 when neither does."""
+        ways = find_ways(self._ground, pose.x_m, pose.y_m)
+        if ways is None:
+            return 0
+        right_m, left_m = (ways.along_m(WallFollowing(pose.x_m, pose.y_m, pose.yaw_rad, gamma)) for gamma in (-1, 1))
+        return (right_m > left_m) - (right_m < left_m)
+
+    def refuse(self, t_s: float) -> None:
+        """A way was not taken: none for a while."""
+        self._next_plan_s = t_s + REFUSED_S
+
+    def is_blocked(self, t_s: float) -> None:
+        """The way that was taken last cannot be flown: none for a while, and its goal is given up the second time."""
+        self.refuse(t_s)
+        if self._blocked_m is not None and math.dist(self._goal_m, self._blocked_m) < SAME_GOAL_M:
+            self._ground.give_up(*self._goal_m, GIVEN_UP_M)
+        self._blocked_m = self._goal_m
 
     def after_lap(self) -> float:
         """A lap without a tangent taken has nothing new ahead: p, or with frontier the most that p_min leaves."""
@@ -136,15 +207,21 @@ class Choice:
         p = self._parameters.tangent_probability
         if self._parameters.choice == "coin":
             return p
-        target = world_point(pose, edge.target_bearing_rad, edge.target_range_m)
-        by_tangent_m, by_boundary_m = self._ground.way_to_unseen_m(
-            (pose.x_m, pose.y_m),
-            (
-                WallFollowing(*target, pose.yaw_rad + edge.target_bearing_rad, edge.gamma),
-                WallFollowing(pose.x_m, pose.y_m, pose.yaw_rad, gamma),
-            ),
-        )
+        by_tangent_m, by_boundary_m = self._ways_m(edge, gamma, pose)
         if abs(by_tangent_m - by_boundary_m) < SAME_WAY_M or by_tangent_m == by_boundary_m:
             return p
         least = self._parameters.least_probability
         return 1.0 - least if by_tangent_m < by_boundary_m else least
+
+    def _ways_m(self, edge: Edge, gamma: int, pose: Pose) -> tuple[float, float]:
+        """How far the unseen is along a tangent, and along the boundary."""
+        x_m, y_m = world_point(pose, edge.target_bearing_rad, edge.target_range_m)
+        tangent = WallFollowing(x_m, y_m, pose.yaw_rad + edge.target_bearing_rad, edge.gamma)
+        boundary = WallFollowing(pose.x_m, pose.y_m, pose.yaw_rad, gamma)
+        if self._parameters.choice == "frontier":
+            by_tangent_m, by_boundary_m = self._ground.way_to_unseen_m((pose.x_m, pose.y_m), (tangent, boundary))
+            return by_tangent_m, by_boundary_m
+        ways: Ways | None = find_ways(self._ground, pose.x_m, pose.y_m)
+        if ways is None:
+            return math.inf, math.inf
+        return edge.target_range_m + ways.along_m(tangent), ways.along_m(boundary)

@@ -13,6 +13,13 @@ from companion.compiled import compiled
 from companion.control.parameters import Parameters
 from companion.model import HIT, Scan
 
+ROOM_M = 0.05
+"""The vehicle brakes, and makes room, for so much more than d_c: it overshoots by a centimetre or two, and what carries
+it, 0.05 m/s in a draught, then holds it outside of d_c."""
+
+TIGHT_SHARE = 0.85
+"""Of d_c: so near to rock a vehicle that is in a place without room may still fly out of it, if it comes no nearer."""
+
 
 def braking_speed_mps(room_m: float, reaction_s: float, brake_mps2: float) -> float:
     """Largest v with reaction·v + v²/(2·brake) <= room; 0 when there is no room."""
@@ -55,7 +62,14 @@ def _room(scan: Scan, critical_m: float, keep_m: float, lead_m: float) -> tuple[
 
 
 def governed_speed_mps(
-    speed_mps: float, scan: Scan, nearest_m: float, gamma: int | None, forward_mps: float, parameters: Parameters
+    speed_mps: float,
+    scan: Scan,
+    nearest_m: float,
+    gamma: int | None,
+    forward_mps: float,
+    parameters: Parameters,
+    *,
+    escapes: bool = False,
 ) -> float:
     """The speed of law (12), lowered to what can be braked before d_c and turned away from before d_s.
 
@@ -69,12 +83,15 @@ def governed_speed_mps(
         gamma: Γ of the wall that is followed, so that the turn away is known; None when either turn will do.
         forward_mps: the speed flown now.
         parameters: the law's settings.
+        escapes: it leaves a place without room, where something may be a little nearer than d_c already.
     """
     governor = parameters.governor
     # Already nearer than that, the vehicle must still be able to leave: it only may not come nearer.
     keep_m = min(parameters.margin_m - governor.side_margin_m, nearest_m)
     lead_m = max(forward_mps, 0.0) * governor.reaction_s
-    critical_m = parameters.critical_margin_m
+    critical_m = parameters.critical_margin_m + ROOM_M
+    if escapes:
+        critical_m = max(TIGHT_SHARE * parameters.critical_margin_m, min(critical_m, nearest_m))
     way_m, left_m, right_m = _room(scan, critical_m, keep_m, lead_m)
     radius_m = max(left_m, right_m) if gamma is None else (left_m if gamma < 0 else right_m)
     turning_radps = governor.turn_share * parameters.max_yaw_rate_radps

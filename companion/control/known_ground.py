@@ -39,7 +39,8 @@ DETOUR = 3.0
 """Ground that a followed wall passes at a distance counts this much further than that distance: to get there another
 tangent must come and be taken."""
 
-_UNSEEN, _FREE, _WALL = np.uint8(0), np.uint8(1), np.uint8(2)
+UNSEEN, FREE, WALL, GIVEN_UP = np.uint8(0), np.uint8(1), np.uint8(2), np.uint8(3)
+"""What is known of a cell; what could not be seen from where it was looked for is given up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +51,30 @@ class WallFollowing:
     y_m: float
     direction_rad: float
     gamma: int
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A part of the grid.
+
+    Attributes:
+        cells: (rows, columns), rows along y.
+        x_m, y_m: of its low corner.
+        cell_m: side of a cell.
+    """
+
+    cells: NDArray[np.uint8]
+    x_m: float
+    y_m: float
+    cell_m: float
+
+    def cell(self, x_m: float, y_m: float) -> tuple[int, int]:
+        """Row and column of a point."""
+        return math.floor((y_m - self.y_m) / self.cell_m), math.floor((x_m - self.x_m) / self.cell_m)
+
+    def middle(self, row: int, column: int) -> tuple[float, float]:
+        """The point x, y in the middle of a cell."""
+        return self.x_m + (column + 0.5) * self.cell_m, self.y_m + (row + 0.5) * self.cell_m
 
 
 class KnownGround:
@@ -74,6 +99,27 @@ class KnownGround:
             scan,
         )
 
+    def window(self, x_m: float, y_m: float) -> Window | None:
+        """A copy of the part about a place in which ways are searched; None before anything has been seen."""
+        if self._origin is None:
+            return None
+        side = len(self._cells)
+        size = min(side, SEARCH_CELLS)
+        column, row = self._cell(x_m, y_m)
+        left = min(max(column - size // 2, 0), side - size)
+        low = min(max(row - size // 2, 0), side - size)
+        cells = self._cells[low : low + size, left : left + size].copy()
+        return Window(cells, self._origin[0] + left * CELL_M, self._origin[1] + low * CELL_M, CELL_M)
+
+    def give_up(self, x_m: float, y_m: float, radius_m: float) -> None:
+        """What is unseen about that place attracts nobody any more; if it is seen after all, it is free."""
+        if self._origin is None:
+            return
+        column, row = self._cell(x_m, y_m)
+        reach = math.ceil(radius_m / CELL_M)
+        part = self._cells[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
+        part[part == UNSEEN] = GIVEN_UP
+
     def way_to_unseen_m(self, from_m: tuple[float, float], starts: Sequence[WallFollowing]) -> list[float]:
         """Length of the way from a point to unseen ground, for each of several walls that it may go and follow.
 
@@ -84,19 +130,14 @@ class KnownGround:
             from_m: x and y of the vehicle.
             starts: where each following begins; the straight way there counts too.
         """
-        if self._origin is None:
+        window = self.window(*from_m)
+        if window is None:
             return [math.inf for _ in starts]
-        side = len(self._cells)
-        window = min(side, SEARCH_CELLS)
-        column, row = self._cell(*from_m)
-        left = min(max(column - window // 2, 0), side - window)
-        low = min(max(row - window // 2, 0), side - window)
-        cells = self._cells[low : low + window, left : left + window].copy()
-        steps = _steps_to_unseen(cells)
+        steps = _steps_to_unseen(window.cells)
         ways = []
         for start in starts:
-            c, r = self._cell(start.x_m, start.y_m)
-            onward = _follow(cells, steps, r - low, c - left, start.direction_rad, start.gamma, FOLLOW_CELLS)
+            r, c = window.cell(start.x_m, start.y_m)
+            onward = _follow(window.cells, steps, r, c, start.direction_rad, start.gamma, FOLLOW_CELLS)
             there_m = abs(start.x_m - from_m[0]) + abs(start.y_m - from_m[1])
             ways.append(there_m + onward * CELL_M)
         return ways
@@ -142,13 +183,13 @@ def _see(cells: NDArray[np.uint8], x: float, y: float, yaw_rad: float, scan: Sca
         distance = look_from
         while distance <= free:
             column, row = int(np.floor(x + distance * dx)), int(np.floor(y + distance * dy))
-            if 0 <= row < side and 0 <= column < side and cells[row, column] == _UNSEEN:
-                cells[row, column] = _FREE
+            if 0 <= row < side and 0 <= column < side and cells[row, column] in (UNSEEN, GIVEN_UP):
+                cells[row, column] = FREE
             distance += 0.5
         if wall and range_cells <= look:
             column, row = int(np.floor(x + range_cells * dx)), int(np.floor(y + range_cells * dy))
             if 0 <= row < side and 0 <= column < side:
-                cells[row, column] = _WALL
+                cells[row, column] = WALL
 
 
 @compiled
@@ -160,14 +201,14 @@ def _steps_to_unseen(cells: NDArray[np.uint8]) -> NDArray[np.int32]:
     head, tail = 0, 0
     for row in range(1, side - 1):
         for column in range(1, side - 1):
-            if cells[row, column] == _UNSEEN:
+            if cells[row, column] == UNSEEN:
                 steps[row, column] = 0
-            elif cells[row, column] == _FREE:
+            elif cells[row, column] == FREE:
                 unseen, wall = 0, 0
                 for dr in range(-1, 2):
                     for dc in range(-1, 2):
-                        unseen += cells[row + dr, column + dc] == _UNSEEN
-                        wall += cells[row + dr, column + dc] == _WALL
+                        unseen += cells[row + dr, column + dc] == UNSEEN
+                        wall += cells[row + dr, column + dc] == WALL
                 # A chink between the points of a wall is no frontier: there a wall is beside the unseen.
                 if unseen >= 2 and wall == 0:
                     steps[row, column] = 1
@@ -179,7 +220,7 @@ def _steps_to_unseen(cells: NDArray[np.uint8]) -> NDArray[np.int32]:
         for k in range(4):
             r = row + (k == 0) - (k == 1)
             c = column + (k == 2) - (k == 3)
-            if 0 < r < side - 1 and 0 < c < side - 1 and cells[r, c] == _FREE and steps[r, c] < 0:
+            if 0 < r < side - 1 and 0 < c < side - 1 and cells[r, c] == FREE and steps[r, c] < 0:
                 steps[r, c] = steps[row, column] + 1
                 queue[tail] = r * side + c
                 tail += 1
@@ -194,7 +235,7 @@ def _has_room(cells: NDArray[np.uint8], row: int, column: int) -> bool:
         return False
     for r in range(row - 1, row + 2):
         for c in range(column - 1, column + 2):
-            if cells[r, c] == _WALL:
+            if cells[r, c] == WALL:
                 return False
     return True
 

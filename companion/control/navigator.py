@@ -11,6 +11,7 @@ from companion.control import boundary, climbing, edges, laws
 from companion.control.decisions import Choice, LapCounter, TangentLedger
 from companion.control.edges import Edge
 from companion.control.governor import governed_speed_mps
+from companion.control.informed import Way
 from companion.control.known_ground import KnownGround
 from companion.control.panorama import Panorama
 from companion.control.parameters import Parameters
@@ -34,6 +35,9 @@ LEAD_S, LEAD_SHARE = 1.0, 0.4
 """The smooth law also looks at the wall from where the vehicle will be in so long, at most this share of d_s ahead. It
 turns away from what it comes to before that is the nearest, on an arc; it never turns towards a wall before it is
 there. More would take the far wall of a narrow crossing for one that it comes to."""
+
+FACED_RAD, CONFIRMED_M = math.radians(20.0), 4.0
+"""A way over known ground is confirmed by the scan as soon as the vehicle faces it, as far as depth is precise."""
 
 LOST_WALL_S = 3.0
 """In R3 with nothing at all in view for this long there is no boundary to follow."""
@@ -130,7 +134,7 @@ class Navigator:
         if self._mode is Mode.CIRCLE:
             self._leave_circle(scan, pose, t_s)
         elif self._mode is Mode.TANGENT:
-            self._leave_tangent(measurement, pose, t_s)
+            self._leave_tangent(measurement, scan, pose, t_s)
         elif self._mode is Mode.BOUNDARY:
             self._leave_boundary(measurement, scan, pose, t_s)
         speed = self._speed_mps(measurement, scan, pose)
@@ -178,7 +182,9 @@ class Navigator:
             return speed
         gamma = self._gamma if self._mode is Mode.BOUNDARY else None
         nearest_m = math.inf if measurement.d_m is None else measurement.d_m
-        return governed_speed_mps(speed, scan, nearest_m, gamma, pose.towards_mps(0.0), self.parameters)
+        return governed_speed_mps(
+            speed, scan, nearest_m, gamma, pose.towards_mps(0.0), self.parameters, escapes=self._escapes()
+        )
 
     # The rules.
 
@@ -197,11 +203,14 @@ class Navigator:
         else:
             self._extend(around, pose, t_s)
 
-    def _leave_tangent(self, measurement: Measurement, pose: Pose, t_s: float) -> None:
+    def _leave_tangent(self, measurement: Measurement, scan: Scan, pose: Pose, t_s: float) -> None:
         """R2 -> R3 at T_m, past T_m, or at a boundary that comes first; R2 -> R1 when T_m comes no nearer."""
         target = self._target
         assert target is not None  # noqa: S101 - R2 is entered only with a target
         if target.is_reached(pose, self.parameters.target_radius_m):
+            self._arrive(target, pose, t_s)
+        elif target.kind is TargetKind.KNOWN and not self._way_is_free(scan, target, pose):
+            self._choice.is_blocked(t_s)
             self._enter(Mode.BOUNDARY, pose, t_s)
         elif self._progress.has_ended(target, pose, t_s):
             self._enter(Mode.CIRCLE, pose, t_s)
@@ -209,6 +218,8 @@ class Navigator:
             # It stands and turns away from the very wall that it escapes from, which has come first already.
             return
         elif measurement.d_bearing_rad is not None and self._boundary_comes_first(measurement):
+            if target.kind is TargetKind.KNOWN:
+                self._choice.is_blocked(t_s)
             if target.kind is not TargetKind.WALL:
                 self._gamma = 1 if measurement.d_bearing_rad > 0.0 else -1
             self._enter(Mode.BOUNDARY, pose, t_s)
@@ -219,8 +230,8 @@ class Navigator:
             return False
         ahead_rad = abs(measurement.d_bearing_rad)
         if self._escapes():
-            # Where it has no room it cannot keep d_s: there it flies on as long as it comes nearer to where it has.
-            return measurement.d_m < self.parameters.critical_margin_m and ahead_rad < OBSTACLE_AHEAD_RAD
+            # Where it has no room it cannot keep d_s: there only what stands in its way ends it.
+            return measurement.ahead_m < self.parameters.critical_margin_m
         inside_m = 0.5 * (self.parameters.margin_m + self.parameters.critical_margin_m)
         return (measurement.d_m <= self.parameters.margin_m and ahead_rad < OBSTACLE_AHEAD_RAD) or (
             measurement.d_m <= inside_m and ahead_rad < math.pi / 2.0
@@ -245,6 +256,8 @@ class Navigator:
         if self._laps.has_come_round(pose) and self._rng.random() < self._choice.after_lap():
             self._escape(scan, pose, t_s)
             return
+        if self._takes_better_way(pose, t_s):
+            return
         for edge in edges.find_edges(scan, self.parameters):
             x_m, y_m = world_point(pose, edge.near_bearing_rad, edge.near_range_m)
             if self._ledger.seen_before(x_m, y_m, edge.gamma, t_s) or t_s < self._pause_until_s:
@@ -261,6 +274,43 @@ class Navigator:
             else:
                 self._pause_until_s = t_s + self.parameters.pause_s
             return
+
+    def _takes_better_way(self, pose: Pose, t_s: float) -> bool:
+        """R3 -> R2 over known ground, with all but p_min, where the unseen is nearer that way."""
+        way = self._choice.better_way(self._gamma, pose, t_s)
+        if way is None:
+            return False
+        self._draws += 1
+        if self._rng.random() < self.parameters.least_probability:
+            self._choice.refuse(t_s)
+            return False
+        self._accepted += 1
+        self._go(way, pose, t_s)
+        return True
+
+    def _go(self, way: Way, pose: Pose, t_s: float) -> None:
+        distance_m = math.hypot(way.x_m - pose.x_m, way.y_m - pose.y_m)
+        bearing_rad = math.atan2(way.y_m - pose.y_m, way.x_m - pose.x_m) - pose.yaw_rad
+        self._fly_to(bearing_rad, distance_m, TargetKind.KNOWN, pose, t_s)
+
+    def _arrive(self, target: Target, pose: Pose, t_s: float) -> None:
+        """At T_m the boundary is followed; at the end of a straight over known ground the next one is flown."""
+        if target.kind is TargetKind.KNOWN:
+            way = self._choice.onward(pose)
+            if way is not None and math.hypot(way.x_m - pose.x_m, way.y_m - pose.y_m) > self.parameters.margin_m:
+                self._go(way, pose, t_s)
+                return
+            self._gamma = self._choice.side(pose) or self._gamma
+        self._enter(Mode.BOUNDARY, pose, t_s)
+
+    def _way_is_free(self, scan: Scan, target: Target, pose: Pose) -> bool:
+        """Whether the camera confirms what the known ground says; not asked while the vehicle turns towards it."""
+        bearing_rad = target.bearing_rad(pose)
+        if abs(bearing_rad) > FACED_RAD:
+            return True
+        to_go_m = min(math.hypot(target.x_m - pose.x_m, target.y_m - pose.y_m), CONFIRMED_M)
+        half_width_m = edges.CORRIDOR_SHARE * self.parameters.margin_m
+        return edges.corridor_is_free(scan, bearing_rad, to_go_m, half_width_m)
 
     def _corridor_is_free(self, scan: Scan, edge: Edge) -> bool:
         half_width_m = edges.CORRIDOR_SHARE * self.parameters.margin_m

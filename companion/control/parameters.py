@@ -70,11 +70,14 @@ class Parameters:
         float, Gt(0.0), Lt(1.0), doc("probability of leaving the wall along a tangent (p, strictly between 0 and 1)")
     ] = 0.3
     choice: Annotated[
-        Literal["coin", "frontier"],
-        doc("at a tangent: coin is the paper's fixed p; frontier prefers the way to unseen ground"),
-    ] = "frontier"
+        Literal["coin", "frontier", "informed"],
+        doc(
+            "at a tangent: coin is the paper's fixed p; frontier prefers the way to unseen ground; informed also "
+            "leaves a boundary for it over known ground"
+        ),
+    ] = "informed"
     least_probability: Annotated[
-        float, Gt(0.0), Lt(0.5), doc("frontier keeps every outcome's probability at or above this (p_min)")
+        float, Gt(0.0), Lt(0.5), doc("frontier and informed keep every outcome's probability at or above this (p_min)")
     ] = 0.1
     height_gain_per_s: Annotated[float, Gt(0.0), Le(5.0), doc("gain of the height law (6), in 1/s (g)")] = 1.0
     closing_gain_per_s: Annotated[float, Gt(0.0), Le(5.0), doc("slope of the saturation (9), in 1/s (l)")] = 0.35

@@ -13,13 +13,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from companion.control.governor import ROOM_M
 from companion.control.parameters import Parameters
 from companion.model import HIT, Pose, Scan, Setpoint
 from companion.sides import AWAY_PER_S, Sides, away_mps
 from companion.station_keeping import StationKeeper
 
-ROOM_M = 0.05
-"""It makes room for so much more than d_c: what carries it, 0.05 m/s in a draught, then holds it outside of d_c."""
 AWAY_MPS = 0.4
 """How fast it moves away from a wall that has come nearer, at most: SIH with GPS was carried sideways so fast. Against
 a drift of 0.2 m/s it stands 0.1 m inside d_c."""

@@ -19,6 +19,8 @@ class TargetKind(enum.StrEnum):
     """A tangent point, the paper's rule."""
     WALL = "wall"
     """Our extension: after a full turn in R1 without a tangent, the d_s-offset of the nearest wall."""
+    KNOWN = "known"
+    """A place on known ground, on the way to what has not been seen."""
     OPEN = "open"
     """Our extension: out of a place without room, away from a boundary followed once round, or from nothing."""
 

@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.config.sim import NoiseSettings
+from companion.control.governor import ROOM_M
 from companion.control.navigator import Navigator
-from companion.control.standing import ROOM_M
 from companion.model import FloatArray, Measurement, Mode, Pose, wrap_rad
 from tests.control.scene import Scene, Track, box, fly, law_parameters, measurement, mirrored_measurement, mirrored_pose
 from tests.control.stages import DT_S, NEVER, ORIGIN, compiled, in_boundary, in_tangent, navigator_with, random_scan

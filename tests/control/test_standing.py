@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from companion.control.governor import ROOM_M
 from companion.control.navigator import Navigator
 from companion.control.parameters import Parameters
-from companion.control.standing import AWAY_MPS, ROOM_M, Standing
+from companion.control.standing import AWAY_MPS, Standing
 from companion.model import HIT, Input, Mode, Pose, Scan, Setpoint
 from companion.sides import NOTHING_AROUND, Side, Sides
 from companion.station_keeping import GAIN_PER_S, MOST_MPS
