@@ -74,7 +74,7 @@ class Explorer:
 
     def __init__(self, settings: Settings, rng: np.random.Generator) -> None:
         self.navigator = Navigator(settings.control, rng)
-        self._extractor = Extractor(settings.sensors, settings.vehicle)
+        self._extractor = Extractor(settings.sensors, settings.vehicle, settings.control.height_m)
 
     def look(self, observation: Observation) -> Measurement:
         """Measure without steering: on the ground, and while the pilot flies."""

@@ -35,7 +35,7 @@ def observations(settings: Settings, ticks: int) -> list[Observation]:
     vehicle = Vehicle(settings.sim.dynamics, start, rng)
     renderer = DepthRenderer(world, settings.sensors.camera.model())
     rig = SensorRig(settings.sensors, settings.sim.noise, caster, renderer, rng)
-    extractor = Extractor(settings.sensors, settings.vehicle)
+    extractor = Extractor(settings.sensors, settings.vehicle, settings.control.height_m)
     navigator = Navigator(settings.control, rng)
     seen = []
     for _ in range(ticks):
@@ -51,7 +51,7 @@ def cost(width_px: int, height_px: int) -> Row:
     """Milliseconds a tick, over all ticks and over those that hold a frame."""
     settings = with_camera(load_settings(None, "flight"), width_px=width_px, height_px=height_px)
     seen = observations(settings, TICKS if width_px < 640 else TICKS // 4)
-    extractor = Extractor(settings.sensors, settings.vehicle)
+    extractor = Extractor(settings.sensors, settings.vehicle, settings.control.height_m)
     navigator = Navigator(settings.control, np.random.default_rng(1))
     every, with_frame = [], []
     for observation in seen:

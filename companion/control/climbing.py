@@ -12,6 +12,8 @@ from companion.model import Measurement, Pose
 def climb_mps(height_m: float, measurement: Measurement, pose: Pose, holds: bool, parameters: Parameters) -> float:
     """Paper eq. (6); 0 when the height is not known, and where the way up or down leads to rock beside.
 
+    Rock above or below moves it all the same.
+
     Args:
         height_m: H.
         measurement: of now.
@@ -21,7 +23,9 @@ def climb_mps(height_m: float, measurement: Measurement, pose: Pose, holds: bool
     """
     h_m, roof_m, slope = measurement.h_m, measurement.roof_m, measurement.ground_slope
     if h_m is None or not math.isfinite(h_m):
-        return 0.0
+        # Over a shaft there is room below, and nothing else to hold it off the roof.
+        near_m = 0.0 if roof_m is None or not measurement.over_shaft else parameters.vertical_margin_m - roof_m
+        return -min(parameters.height_gain_per_s * near_m, parameters.max_climb_mps) if near_m > 0.0 else 0.0
     ground_climb_mps = 0.0
     if parameters.climb_feed_forward and slope is not None and math.isfinite(slope) and not holds:
         ground_climb_mps = pose.towards_mps(0.0) * slope

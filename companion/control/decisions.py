@@ -150,6 +150,9 @@ class Choice:
         ways = find_ways(self._ground, pose.x_m, pose.y_m)
         way = None if ways is None else ways.way(pose.x_m, pose.y_m, pose.yaw_rad)
         if ways is None or way is None:
+            # Nothing else is left: what was given up may be tried from elsewhere.
+            self._ground.take_up_again()
+            self.refuse(t_s)
             return None
         onward_m = ways.along_m(WallFollowing(pose.x_m, pose.y_m, pose.yaw_rad, gamma))
         if onward_m <= way.length_m + SAME_WAY_M:

@@ -120,6 +120,10 @@ class KnownGround:
         part = self._cells[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
         part[part == UNSEEN] = GIVEN_UP
 
+    def take_up_again(self) -> None:
+        """What was given up attracts again."""
+        self._cells[self._cells == GIVEN_UP] = UNSEEN
+
     def way_to_unseen_m(self, from_m: tuple[float, float], starts: Sequence[WallFollowing]) -> list[float]:
         """Length of the way from a point to unseen ground, for each of several walls that it may go and follow.
 

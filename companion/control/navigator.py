@@ -10,7 +10,7 @@ import numpy as np
 from companion.control import boundary, climbing, edges, laws
 from companion.control.decisions import Choice, LapCounter, TangentLedger
 from companion.control.edges import Edge
-from companion.control.governor import governed_speed_mps
+from companion.control.governor import ROOM_M, governed_speed_mps
 from companion.control.informed import Way
 from companion.control.known_ground import KnownGround
 from companion.control.panorama import Panorama
@@ -36,8 +36,9 @@ LEAD_S, LEAD_SHARE = 1.0, 0.4
 turns away from what it comes to before that is the nearest, on an arc; it never turns towards a wall before it is
 there. More would take the far wall of a narrow crossing for one that it comes to."""
 
-FACED_RAD, CONFIRMED_M = math.radians(20.0), 4.0
-"""A way over known ground is confirmed by the scan as soon as the vehicle faces it, as far as depth is precise."""
+FACED_RAD, CONFIRMED_M, UNCONFIRMED_S = math.radians(10.0), 4.0, 0.5
+"""A way over known ground is confirmed by the scan as soon as the vehicle faces it, as far as depth is precise. An
+image with a hole in it does not end it."""
 
 LOST_WALL_S = 3.0
 """In R3 with nothing at all in view for this long there is no boundary to follow."""
@@ -84,6 +85,7 @@ class Navigator:
         self._trail = Trail()
         self._panorama = Panorama()
         self._is_stuck = False
+        self._confirmed_s = -math.inf
         self._pause_until_s = -math.inf
         self._turned_rad = 0.0
         self._last_yaw_rad: float | None = None
@@ -209,7 +211,7 @@ class Navigator:
         assert target is not None  # noqa: S101 - R2 is entered only with a target
         if target.is_reached(pose, self.parameters.target_radius_m):
             self._arrive(target, pose, t_s)
-        elif target.kind is TargetKind.KNOWN and not self._way_is_free(scan, target, pose):
+        elif target.kind is TargetKind.KNOWN and self._is_blocked(scan, target, pose, t_s):
             self._choice.is_blocked(t_s)
             self._enter(Mode.BOUNDARY, pose, t_s)
         elif self._progress.has_ended(target, pose, t_s):
@@ -303,14 +305,14 @@ class Navigator:
             self._gamma = self._choice.side(pose) or self._gamma
         self._enter(Mode.BOUNDARY, pose, t_s)
 
-    def _way_is_free(self, scan: Scan, target: Target, pose: Pose) -> bool:
-        """Whether the camera confirms what the known ground says; not asked while the vehicle turns towards it."""
+    def _is_blocked(self, scan: Scan, target: Target, pose: Pose, t_s: float) -> bool:
+        """Whether for a while the camera has not confirmed what the known ground says; not while it turns there."""
         bearing_rad = target.bearing_rad(pose)
-        if abs(bearing_rad) > FACED_RAD:
-            return True
         to_go_m = min(math.hypot(target.x_m - pose.x_m, target.y_m - pose.y_m), CONFIRMED_M)
-        half_width_m = edges.CORRIDOR_SHARE * self.parameters.margin_m
-        return edges.corridor_is_free(scan, bearing_rad, to_go_m, half_width_m)
+        half_width_m = self.parameters.critical_margin_m + ROOM_M
+        if abs(bearing_rad) > FACED_RAD or edges.corridor_is_free(scan, bearing_rad, to_go_m, half_width_m):
+            self._confirmed_s = t_s
+        return t_s - self._confirmed_s > UNCONFIRMED_S
 
     def _corridor_is_free(self, scan: Scan, edge: Edge) -> bool:
         half_width_m = edges.CORRIDOR_SHARE * self.parameters.margin_m
@@ -355,6 +357,7 @@ class Navigator:
         x_m, y_m = world_point(pose, bearing_rad, distance_m)
         self._target = Target(x_m, y_m, pose.x_m, pose.y_m, kind)
         self._progress.begin(self._target, t_s)
+        self._confirmed_s = t_s
         self._enter(Mode.TANGENT, pose, t_s)
 
     def _enter(self, mode: Mode, pose: Pose, t_s: float) -> None:

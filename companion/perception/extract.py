@@ -65,9 +65,10 @@ class Extractor:
     Args:
         settings: sensors and scan.
         vehicle: the body, which with the slab's margin says what is in the way.
+        height_m: H, at which it flies.
     """
 
-    def __init__(self, settings: SensorSettings, vehicle: VehicleSettings) -> None:
+    def __init__(self, settings: SensorSettings, vehicle: VehicleSettings, height_m: float) -> None:
         self._settings = settings
         self._half_width_m = vehicle.body_radius_m + AHEAD_MARGIN_M
         self._slab = Slab(vehicle.body_height_m / 2.0 + settings.scan.slab_margin_m, settings.scan.max_ground_slope)
@@ -81,7 +82,7 @@ class Extractor:
             settings.scan.memory_age_s, settings.scan.memory_distance_m, vehicle.body_height_m / 2.0 + BODY_MARGIN_M
         )
         self._shafts = Shafts(settings.scan.memory_distance_m)
-        self._ground = GroundBelow(self._slab.half_height_m)
+        self._ground = GroundBelow(height_m - self._slab.half_height_m)
         self._ahead: Look | None = None
         self._ground_slope: float | None = None
         self._around: Look | None = None

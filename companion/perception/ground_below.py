@@ -19,11 +19,11 @@ class GroundBelow:
     """The last ground that was measured.
 
     Args:
-        slab_half_height_m: what stands higher above the ground than the height flown less this is a wall.
+        climbs_m: a step so high is flown over upward too; what stands higher is a wall in the slab.
     """
 
-    def __init__(self, slab_half_height_m: float) -> None:
-        self._slab_half_height_m = slab_half_height_m
+    def __init__(self, climbs_m: float) -> None:
+        self._drop_m = max(LEAST_DROP_M, climbs_m)
         self._known: tuple[float, float, float] | None = None  # its height, the height above it, and when
 
     def see(self, h_m: float | None, no_ground: bool, pose: Pose, t_s: float) -> tuple[float | None, bool]:
@@ -54,5 +54,4 @@ class GroundBelow:
         if self._known is None:
             return False
         ground_m, flown_m, _ = self._known
-        drop_m = max(LEAST_DROP_M, flown_m - self._slab_half_height_m)
-        return h_m - flown_m > drop_m and ground_m - (pose.z_m - h_m) > drop_m
+        return h_m - flown_m > self._drop_m and ground_m - (pose.z_m - h_m) > self._drop_m

@@ -50,6 +50,15 @@ def test_nearer_than_the_critical_margin_it_neither_climbs_nor_sinks(h_m: float)
     assert climbs(replace(near, d_m=math.nan)) != 0.0, "what is no number stops the flight, not the height"
 
 
+def test_over_a_shaft_it_still_keeps_off_the_roof() -> None:
+    """Protects from a height that wanders while it goes back: with no ground to hold it by it rose into the roof."""
+    lost = replace(measurement(None, h_m=None), roof_m=0.4)
+    assert climbs(lost) == 0.0, "a beam that is silent says nothing of the room below"
+    assert climbs(replace(lost, over_shaft=True)) == pytest.approx(-0.2 * LAW.height_gain_per_s)
+    assert climbs(replace(lost, over_shaft=True, roof_m=0.7)) == 0.0
+    assert climbs(replace(lost, over_shaft=True, roof_m=-math.inf)) == -LAW.max_climb_mps
+
+
 def test_rock_above_or_below_moves_it_all_the_same() -> None:
     """Protects the body in a tight place: of two too near the one that is above or below cannot be flown away from."""
     near = measurement(None, h_m=0.3, d_m=0.5)

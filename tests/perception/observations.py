@@ -50,7 +50,7 @@ DOWN = {Beam.DOWN: H_M}
 
 
 def extractor(sensors: SensorSettings = SETTINGS) -> Extractor:
-    return Extractor(sensors, VEHICLE)
+    return Extractor(sensors, VEHICLE, H_M)
 
 
 def readings(t_s: float, ranges_m: Mapping[Beam, float | None]) -> tuple[RangeReading, ...]:

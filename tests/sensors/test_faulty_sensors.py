@@ -82,7 +82,7 @@ class Flight:
         self.sink = SensorSink(self.clock)
         self._poses = PoseBuffer()
         self._inputs = Synchronizer(self.sink, self._poses)
-        self._extractor = Extractor(SETTINGS, VehicleSettings())
+        self._extractor = Extractor(SETTINGS, VehicleSettings(), 1.5)
         self._tick = 0
 
     def until(self, end_s: float) -> list[Measurement]:
@@ -381,7 +381,7 @@ def test_the_age_is_that_of_the_oldest_beam_that_counts() -> None:
 def test_a_beam_without_any_reading_makes_the_age_infinite() -> None:
     """Before the first reading of each the beams must not count as working; upward none is needed."""
     sensors = SETTINGS.model_copy(update={"beams": BeamSettings(directions=(Beam.DOWN, Beam.LEFT, Beam.UP))})
-    extract = Extractor(sensors, VehicleSettings())
+    extract = Extractor(sensors, VehicleSettings(), 1.5)
     pose = standing(0.0)
     down, left = (RangeReading(beam, 0.0, 1.5, LIMIT_M) for beam in (Beam.DOWN, Beam.LEFT))
     assert extract.measure(Observation(0.0, pose)).ranges_age_s == INF
