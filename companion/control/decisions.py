@@ -12,7 +12,7 @@ from companion.control.edges import Edge
 from companion.control.informed import Way, Ways, find_ways
 from companion.control.known_ground import KnownGround, WallFollowing
 from companion.control.parameters import Parameters
-from companion.control.target import world_point
+from companion.control.target import Target, world_point
 from companion.model import Pose, Scan, wrap_rad
 
 LAP_M = 8.0
@@ -36,8 +36,8 @@ PLAN_PERIOD_S, REFUSED_S = 1.0, 10.0
 THERE_M = 1.0
 """Where the way to the unseen is no longer than this, the vehicle has come to it."""
 
-SAME_GOAL_M = 3.0
-"""Two goals nearer to each other than this are one."""
+BLOCKED_S, BLOCKED_M = 3.0, 1.5
+"""Where the scan does not confirm a straight, no way leads through the cells so far along it any more."""
 
 GIVEN_UP_M = 1.5
 """What is still unseen so near to where it was looked for, cannot be seen from there."""
@@ -127,8 +127,6 @@ class Choice:
         self._ground = ground
         self._next_look_s = -math.inf
         self._next_plan_s = -math.inf
-        self._goal_m = (math.inf, math.inf)
-        self._blocked_m: tuple[float, float] | None = None
 
     def see(self, scan: Scan, pose: Pose, t_s: float) -> None:
         """Note what has been seen, twice a second: that is every quarter of a metre."""
@@ -157,7 +155,6 @@ class Choice:
         onward_m = ways.along_m(WallFollowing(pose.x_m, pose.y_m, pose.yaw_rad, gamma))
         if onward_m <= way.length_m + SAME_WAY_M:
             return None
-        self._goal_m = way.goal_x_m, way.goal_y_m
         return way
 
     def onward(self, pose: Pose) -> Way | None:
@@ -169,8 +166,7 @@ class Choice:
         way = None if ways is None else ways.way(pose.x_m, pose.y_m, pose.yaw_rad)
         if way is None:
             return None
-        self._goal_m = way.goal_x_m, way.goal_y_m
-        if math.dist(self._goal_m, (pose.x_m, pose.y_m)) > THERE_M:
+        if math.hypot(way.goal_x_m - pose.x_m, way.goal_y_m - pose.y_m) > THERE_M:
             return way
         self._ground.give_up(way.goal_x_m, way.goal_y_m, GIVEN_UP_M)
         return None
@@ -187,12 +183,12 @@ class Choice:
         """A way was not taken: none for a while."""
         self._next_plan_s = t_s + REFUSED_S
 
-    def is_blocked(self, t_s: float) -> None:
-        """The way that was taken last cannot be flown: none for a while, and its goal is given up the second time."""
-        self.refuse(t_s)
-        if self._blocked_m is not None and math.dist(self._goal_m, self._blocked_m) < SAME_GOAL_M:
-            self._ground.give_up(*self._goal_m, GIVEN_UP_M)
-        self._blocked_m = self._goal_m
+    def is_blocked(self, target: Target, pose: Pose, t_s: float) -> None:
+        """The straight to a target on the way cannot be flown: other ways are sought, after a while."""
+        self._next_plan_s = t_s + BLOCKED_S
+        to_go_m = math.hypot(target.x_m - pose.x_m, target.y_m - pose.y_m)
+        at = min(1.0, BLOCKED_M / to_go_m) if to_go_m > 0.0 else 1.0
+        self._ground.block(pose.x_m + at * (target.x_m - pose.x_m), pose.y_m + at * (target.y_m - pose.y_m))
 
     def after_lap(self) -> float:
         """A lap without a tangent taken has nothing new ahead: p, or with frontier the most that p_min leaves."""

@@ -89,6 +89,8 @@ def find_ways(ground: KnownGround, x_m: float, y_m: float) -> Ways | None:
     if window is None:
         return None
     room = _room(window.cells)
+    for row, column in window.blocked.tolist():
+        room[row - 1 : row + 2, column - 1 : column + 2] = 0
     steps = _steps(window.cells, room, _frontier(window.cells, LEAST_CLUSTER))
     row, column = window.cell(x_m, y_m)
     if len(_path(steps, room, row, column)) == 0:

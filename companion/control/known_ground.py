@@ -8,6 +8,7 @@ every draw to stay possible, not the coin to be fixed: whatever chooses must kee
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -35,6 +36,9 @@ everything counts as seen, so that the nearer unseen ground decides."""
 FOLLOW_CELLS = 240
 """How far a wall is followed in thought, in cells: 120 m, once round a large pillar."""
 
+MOST_BLOCKED = 256
+"""Places through which no way leads, the newest."""
+
 DETOUR = 3.0
 """Ground that a followed wall passes at a distance counts this much further than that distance: to get there another
 tangent must come and be taken."""
@@ -59,11 +63,13 @@ class Window:
 
     Attributes:
         cells: (rows, columns), rows along y.
+        blocked: (k, 2) rows and columns through which no way leads, whatever is seen there.
         x_m, y_m: of its low corner.
         cell_m: side of a cell.
     """
 
     cells: NDArray[np.uint8]
+    blocked: NDArray[np.int64]
     x_m: float
     y_m: float
     cell_m: float
@@ -83,6 +89,7 @@ class KnownGround:
     def __init__(self) -> None:
         self._cells = np.zeros((FIRST_CELLS, FIRST_CELLS), np.uint8)
         self._origin: tuple[float, float] | None = None
+        self._blocked_m: deque[tuple[float, float]] = deque(maxlen=MOST_BLOCKED)
 
     def see(self, scan: Scan, pose: Pose) -> None:
         """Enter what is in view: free along each bearing, a wall where it is HIT."""
@@ -109,7 +116,15 @@ class KnownGround:
         left = min(max(column - size // 2, 0), side - size)
         low = min(max(row - size // 2, 0), side - size)
         cells = self._cells[low : low + size, left : left + size].copy()
-        return Window(cells, self._origin[0] + left * CELL_M, self._origin[1] + low * CELL_M, CELL_M)
+        low_x_m, low_y_m = self._origin[0] + left * CELL_M, self._origin[1] + low * CELL_M
+        places_m = np.array(self._blocked_m).reshape(-1, 2)
+        blocked = np.floor((places_m[:, ::-1] - [low_y_m, low_x_m]) / CELL_M).astype(np.int64)
+        inside = np.all((blocked >= 1) & (blocked < size - 1), axis=1)
+        return Window(cells, blocked[inside], low_x_m, low_y_m, CELL_M)
+
+    def block(self, x_m: float, y_m: float) -> None:
+        """No way leads through the cells about this place any more."""
+        self._blocked_m.append((x_m, y_m))
 
     def give_up(self, x_m: float, y_m: float, radius_m: float) -> None:
         """What is unseen about that place attracts nobody any more; if it is seen after all, it is free."""
@@ -121,8 +136,9 @@ class KnownGround:
         part[part == UNSEEN] = GIVEN_UP
 
     def take_up_again(self) -> None:
-        """What was given up attracts again."""
+        """What was given up attracts again, and what was blocked may be tried again."""
         self._cells[self._cells == GIVEN_UP] = UNSEEN
+        self._blocked_m.clear()
 
     def way_to_unseen_m(self, from_m: tuple[float, float], starts: Sequence[WallFollowing]) -> list[float]:
         """Length of the way from a point to unseen ground, for each of several walls that it may go and follow.

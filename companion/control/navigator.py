@@ -212,16 +212,17 @@ class Navigator:
         if target.is_reached(pose, self.parameters.target_radius_m):
             self._arrive(target, pose, t_s)
         elif target.kind is TargetKind.KNOWN and self._is_blocked(scan, target, pose, t_s):
-            self._choice.is_blocked(t_s)
+            self._choice.is_blocked(target, pose, t_s)
             self._enter(Mode.BOUNDARY, pose, t_s)
         elif self._progress.has_ended(target, pose, t_s):
             self._enter(Mode.CIRCLE, pose, t_s)
         elif self._escapes() and abs(target.bearing_rad(pose)) >= math.pi / 2.0:
             # It stands and turns away from the very wall that it escapes from, which has come first already.
             return
+        elif target.kind is TargetKind.KNOWN:
+            # Its corridor is looked at all the way: walls beside it are no boundary that comes first.
+            return
         elif measurement.d_bearing_rad is not None and self._boundary_comes_first(measurement):
-            if target.kind is TargetKind.KNOWN:
-                self._choice.is_blocked(t_s)
             if target.kind is not TargetKind.WALL:
                 self._gamma = 1 if measurement.d_bearing_rad > 0.0 else -1
             self._enter(Mode.BOUNDARY, pose, t_s)
