@@ -33,6 +33,9 @@ SAME_WAY_M = 2.0
 PLAN_PERIOD_S, REFUSED_S = 1.0, 10.0
 """Time between two looks for a way over known ground, and after one that was not taken."""
 
+REVIVED_S = 180.0
+"""Time between two tries of what was given up: meanwhile the walls are followed, and other places seen."""
+
 THERE_M = 1.0
 """Where the way to the unseen is no longer than this, the vehicle has come to it."""
 
@@ -127,6 +130,7 @@ class Choice:
         self._ground = ground
         self._next_look_s = -math.inf
         self._next_plan_s = -math.inf
+        self._next_revival_s = -math.inf
 
     def see(self, scan: Scan, pose: Pose, t_s: float) -> None:
         """Note what has been seen, twice a second: that is every quarter of a metre."""
@@ -149,7 +153,9 @@ class Choice:
         way = None if ways is None else ways.way(pose.x_m, pose.y_m, pose.yaw_rad)
         if ways is None or way is None:
             # Nothing else is left: what was given up may be tried from elsewhere.
-            self._ground.take_up_again()
+            if t_s >= self._next_revival_s:
+                self._next_revival_s = t_s + REVIVED_S
+                self._ground.take_up_again()
             self.refuse(t_s)
             return None
         onward_m = ways.along_m(WallFollowing(pose.x_m, pose.y_m, pose.yaw_rad, gamma))
