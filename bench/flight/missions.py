@@ -92,6 +92,7 @@ def summary(world: str, rows: list[Row], critical_margin_m: float) -> Row:
     least = [float(str(row["least_d_m"])) for row in rows]
     low = [float(str(row["time_below_d_s_minus_15cm_fraction"])) for row in rows]
     time_s = [float(str(row["sim_time_s"])) for row in rows]
+    gaps = [row["least_time_between_extensions_s"] for row in rows]
     line: Row = {
         "world": world,
         "missions": len(rows),
@@ -105,6 +106,7 @@ def summary(world: str, rows: list[Row], critical_margin_m: float) -> Row:
         "v, m/s": statistics.mean(float(str(row["speed_mps"])) for row in rows),
         "slow share": max(float(str(row["slow_share"])) for row in rows),
         "most ext.": max(int(str(row["extensions"])) for row in rows),
+        "least time betw., s": min((float(str(gap)) for gap in gaps if gap is not None), default=None),
         "worst low share": max(low),
         "low share": sum(share * t for share, t in zip(low, time_s, strict=True)) / sum(time_s),
         "t_f median, s": statistics.median(times) if times else None,

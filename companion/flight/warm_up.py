@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from companion.config.load import load_settings
 from companion.config.settings import Settings
 from companion.control.edges import Edge, corridor_is_free, lies_along_boundary, open_direction
+from companion.control.informed import find_ways
 from companion.control.known_ground import KnownGround, WallFollowing
 from companion.geometry import pixel_tangents, rotation
 from companion.mapping import VoxelMap
@@ -146,7 +148,12 @@ def _decide(scan: Scan, pose: Pose, settings: Settings) -> None:
     lies_along_boundary(scan, edge, margin_m)
     open_direction(scan, critical_margin_m)
     ground = KnownGround()
-    ground.see(scan, pose)
+    for x_m in (-8.0, -6.0, -4.0, -2.0):
+        ground.see(scan, replace(pose, x_m=x_m))
+    ways = find_ways(ground, -4.0, 0.0)
+    if ways is not None:
+        ways.way(-4.0, 0.0, 0.0)
+        ways.along_m(WallFollowing(-4.0, 0.0, 0.0, 1))
     ground.way_to_unseen_m((pose.x_m, pose.y_m), (WallFollowing(pose.x_m, pose.y_m, 0.0, 1),) * 2)
 
 

@@ -54,6 +54,8 @@ class Flight:
             stale_after_s=settings.fleet.stale_after_s,
         )
         self.measurement: Measurement | None = None
+        self.extended_s: list[float] = []
+        """When the law helped itself where the paper's has no rule."""
         self.touched = False
         self.blind_s = 0.0
         """Time since all inputs were last fresh."""
@@ -87,6 +89,8 @@ class Flight:
         self.log.append(
             true, observation.pose, measurement, self.navigator.status.mode, setpoint, self.vehicle.forward_mps
         )
+        if self.navigator.status.extensions > len(self.extended_s):
+            self.extended_s.append(true.t_s)
         self.measurement = measurement
         self.blind_s = self.blind_s + dt_s if measurement.missing else 0.0
         self.vehicle.command(setpoint)

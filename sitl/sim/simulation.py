@@ -164,6 +164,9 @@ class Simulation:
             "draws": sum(state.draws for state in states),
             "draws_accepted": sum(state.accepted for state in states),
             "extensions": sum(state.extensions for state in states),
+            "least_time_between_extensions_s": _rounded(
+                min((gap for flight in self.flights for gap in np.diff(flight.extended_s)), default=math.inf), 1
+            ),
             "occupied_voxels": len(occupied),
             "voxel_m": voxels.voxel_m,
             "visible_share_of_surface": _rounded(self.truth.area_share_visible, 4),

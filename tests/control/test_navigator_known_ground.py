@@ -1,0 +1,89 @@
+"""R2 over known ground: decided once, flown straight by straight, and left where the scan does not confirm it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from companion.control.decisions import Choice
+from companion.control.informed import Way
+from companion.control.target import TargetKind
+from companion.model import Mode
+from tests.control.scene import measurement, scan_of
+from tests.control.stages import DT_S, OPEN, ORIGIN, Fixed, beside, in_boundary, mode_of
+
+WAY = Way(12.0, 3.0, 2.0, 6.0, 5.0)
+"""From ORIGIN: straight to (3, 2), and on to (6, 5)."""
+
+
+def offered(monkeypatch: pytest.MonkeyPatch, way: Way | None = WAY, then: Way | None = None) -> None:
+    """The choice knows that way, and from its first straight the other one."""
+    monkeypatch.setattr(Choice, "better_way", lambda *_: way)
+    monkeypatch.setattr(Choice, "onward", lambda *_: then)
+    monkeypatch.setattr(Choice, "side", lambda *_: 1)
+
+
+def test_a_way_over_known_ground_is_taken_with_all_but_p_min(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protects Theorem 1: both outcomes keep at least p_min, whatever the known ground says; each is one draw."""
+    offered(monkeypatch)
+    taken = 0
+    for seed in range(300):
+        navigator = in_boundary(-1, choice="informed", least_probability=0.2, rng=np.random.default_rng(seed))
+        navigator.step(beside(-1), ORIGIN, 0.0)
+        assert navigator.status.draws == 1
+        taken += mode_of(navigator) is Mode.TANGENT
+    # Of 300 with 0.8: 240, three standard deviations are 21.
+    assert 219 <= taken <= 261
+
+
+def test_a_straight_leads_to_the_next_and_the_last_one_to_the_wall(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protects the way: it is decided once, and flown to its end."""
+    offered(monkeypatch, then=Way(5.0, 6.0, 5.0, 6.0, 5.0))
+    navigator = in_boundary(-1, choice="informed", rng=Fixed(0.99))
+    navigator.step(beside(-1), ORIGIN, 0.0)
+    target = navigator.status.target
+    assert target is not None
+    assert target.kind is TargetKind.KNOWN
+    assert (target.x_m, target.y_m) == pytest.approx((3.0, 2.0))
+    navigator.step(OPEN, replace(ORIGIN, x_m=2.95, y_m=1.95), 1.0)
+    target = navigator.status.target
+    assert target is not None
+    assert target.kind is TargetKind.KNOWN
+    assert (target.x_m, target.y_m) == pytest.approx((6.0, 5.0))
+    offered(monkeypatch, then=None)
+    navigator.step(OPEN, replace(ORIGIN, x_m=5.95, y_m=4.95), 2.0)
+    assert (mode_of(navigator), navigator.status.gamma) == (Mode.BOUNDARY, 1)
+    assert navigator.status.draws == 1
+
+
+def test_a_straight_that_the_scan_does_not_confirm_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protects from known ground that is wrong: rock in the corridor ends it, a single bad image does not."""
+    offered(monkeypatch)
+    blocked: list[bool] = []
+    monkeypatch.setattr(Choice, "is_blocked", lambda *_: blocked.append(True))
+    facing = replace(ORIGIN, yaw_rad=math.atan2(2.0, 3.0))
+    rock = scan_of(lambda b: 2.0 if abs(b) < 0.2 else math.inf)
+    for times, ends in ((8, False), (13, True)):
+        navigator = in_boundary(-1, choice="informed", rng=Fixed(0.99))
+        navigator.step(beside(-1), ORIGIN, 0.0)
+        for i in range(times):
+            navigator.step(measurement(rock, d_m=2.0, d_bearing_rad=0.0), facing, DT_S * (i + 1))
+            if blocked:
+                break
+        assert (mode_of(navigator) is Mode.BOUNDARY) == ends
+        assert bool(blocked) == ends
+
+
+def test_while_it_turns_towards_it_nothing_need_be_confirmed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protects ways that lead back: behind the vehicle nobody looks."""
+    offered(monkeypatch, Way(12.0, -3.0, 0.0, -3.0, 0.0))
+    behind = scan_of(lambda b: math.nan if abs(b) > 0.75 else math.inf)
+    navigator = in_boundary(-1, choice="informed", rng=Fixed(0.99))
+    navigator.step(beside(-1), ORIGIN, 0.0)
+    for i in range(40):
+        setpoint = navigator.step(measurement(behind), ORIGIN, DT_S * (i + 1))
+        assert mode_of(navigator) is Mode.TANGENT
+        assert setpoint.yaw_rate_radps != 0.0
