@@ -8,7 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled
+from companion.control.parameters import Parameters
 from companion.model import HIT, FloatArray, Scan
+
+NEAR_SHARE, FAR_SHARE = 1.5, 3.0
+"""In units of d_s: a wall so near is followed, one so far is another one."""
 
 NOISE_M, SPREAD_RAD = 0.05, math.radians(35.0)
 """Points this much further than the nearest, and no further round than this, are taken for as near as it."""
@@ -40,6 +44,16 @@ def followed(scan: Scan, gamma: int, half_width_m: float, lead_m: float = 0.0) -
     counts = (scan.state == HIT) & ((gamma * y_m >= 0.0) | ((x_m > 0.0) & (np.abs(y_m) < half_width_m)))
     range_m, bearing_rad = _nearest(np.arctan2(y_m, x_m), np.hypot(x_m, y_m), counts)
     return (float(range_m), float(bearing_rad)) if np.isfinite(range_m) else None
+
+
+def is_on_the_other_side(scan: Scan, gamma: int, parameters: Parameters) -> bool:
+    """Whether the only wall that is near is not on Γ's side.
+
+    Where a tangent was none, its Γ leads away from the wall that is really there, and through the margin of the next.
+    """
+    own, other = (followed(scan, side, parameters.critical_margin_m) for side in (gamma, -gamma))
+    margin_m = parameters.margin_m
+    return other is not None and other[0] <= NEAR_SHARE * margin_m and (own is None or own[0] > FAR_SHARE * margin_m)
 
 
 @compiled

@@ -40,6 +40,9 @@ FACED_RAD, CONFIRMED_M, UNCONFIRMED_S = math.radians(10.0), 4.0, 0.5
 """A way over known ground is confirmed by the scan as soon as the vehicle faces it, as far as depth is precise. An
 image with a hole in it does not end it."""
 
+REST_S = 60.0
+"""After an extension a lap decides nothing for so long: a pillar is gone round in less."""
+
 LOST_WALL_S = 3.0
 """In R3 with nothing at all in view for this long there is no boundary to follow."""
 
@@ -96,6 +99,7 @@ class Navigator:
         self._accepted = 0
         self._mode_changes = 0
         self._extensions = 0
+        self._extended_s = -math.inf
 
     @property
     def status(self) -> Status:
@@ -210,7 +214,7 @@ class Navigator:
         target = self._target
         assert target is not None  # noqa: S101 - R2 is entered only with a target
         if target.is_reached(pose, self.parameters.target_radius_m):
-            self._arrive(target, pose, t_s)
+            self._arrive(target, scan, pose, t_s)
         elif target.kind is TargetKind.KNOWN and self._is_blocked(scan, target, pose, t_s):
             self._choice.is_blocked(target, pose, t_s)
             self._enter(Mode.BOUNDARY, pose, t_s)
@@ -256,7 +260,8 @@ class Navigator:
         if not edges.has_way_on(scan, self.parameters.critical_margin_m):
             self._look_round(pose, t_s)
             return
-        if self._laps.has_come_round(pose) and self._rng.random() < self._choice.after_lap():
+        rested = t_s - self._extended_s > REST_S
+        if self._laps.has_come_round(pose) and rested and self._rng.random() < self._choice.after_lap():
             self._escape(scan, pose, t_s)
             return
         if self._takes_better_way(pose, t_s):
@@ -296,7 +301,7 @@ class Navigator:
         bearing_rad = math.atan2(way.y_m - pose.y_m, way.x_m - pose.x_m) - pose.yaw_rad
         self._fly_to(bearing_rad, distance_m, TargetKind.KNOWN, pose, t_s)
 
-    def _arrive(self, target: Target, pose: Pose, t_s: float) -> None:
+    def _arrive(self, target: Target, scan: Scan, pose: Pose, t_s: float) -> None:
         """At T_m the boundary is followed; at the end of a straight over known ground the next one is flown."""
         if target.kind is TargetKind.KNOWN:
             way = self._choice.onward(pose)
@@ -304,6 +309,8 @@ class Navigator:
                 self._go(way, pose, t_s)
                 return
             self._gamma = self._choice.side(pose) or self._gamma
+        if boundary.is_on_the_other_side(scan, self._gamma, self.parameters):
+            self._gamma = -self._gamma
         self._enter(Mode.BOUNDARY, pose, t_s)
 
     def _is_blocked(self, scan: Scan, target: Target, pose: Pose, t_s: float) -> bool:
@@ -331,6 +338,7 @@ class Navigator:
             return
         nearest = int(hits[np.argmin(scan.ranges_m[hits])])
         self._extensions += 1
+        self._extended_s = t_s
         self._gamma = self._either_side()
         room_m = float(scan.ranges_m[nearest]) - self.parameters.margin_m
         if room_m <= self.parameters.target_radius_m:
@@ -351,6 +359,7 @@ class Navigator:
             self._enter(Mode.CIRCLE, pose, t_s)
             return
         self._extensions += 1
+        self._extended_s = t_s
         self._gamma = self._either_side()
         self._fly_to(bearing_rad, length_m, TargetKind.OPEN, pose, t_s)
 

@@ -12,7 +12,7 @@ from companion.control.boundary import followed, nearest
 from companion.model import Measurement, Mode, Scan
 from companion.sides import Side, Sides
 from tests.control.scene import BEARINGS_RAD, measurement, scan_of
-from tests.control.stages import DT_S, ORIGIN, in_boundary, mode_of
+from tests.control.stages import DT_S, ORIGIN, in_boundary, in_tangent, mode_of
 
 HALF_WIDTH_M = 0.8
 
@@ -76,6 +76,24 @@ def test_before_a_corner_the_smooth_law_turns_away_and_never_towards_it_early() 
         turns[name] = navigator.step(looking(scan), pose, DT_S).yaw_rate_radps
     assert turns["wall ahead"] > 0.5, "away from the wall on the right and the one ahead"
     assert turns["edge to pass"] == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.parametrize("gamma", [-1, 1])
+@pytest.mark.parametrize(("own_m", "other_m", "turned"), [(math.inf, 1.0, True), (4.0, 1.2, True), (2.0, 1.0, False)])
+def test_at_the_target_the_wall_that_is_really_near_is_followed(
+    gamma: int, own_m: float, other_m: float, turned: bool
+) -> None:
+    """Protects from a U-turn through the margin of the opposite wall, after a tangent that was none."""
+
+    def range_m(bearing_rad: float) -> float:
+        side = math.sin(gamma * bearing_rad)
+        return own_m / side if side > 0.3 else other_m / -side if side < -0.3 else math.inf
+
+    navigator = in_tangent(gamma, law="smooth")
+    there = measurement(scan_of(range_m), d_m=other_m, d_bearing_rad=-gamma * math.pi / 2.0, d_front_m=other_m)
+    navigator.step(there, replace(ORIGIN, x_m=4.0, y_m=-float(gamma)), 1.0)
+    assert mode_of(navigator) is Mode.BOUNDARY
+    assert navigator.status.gamma == (-gamma if turned else gamma)
 
 
 def test_nothing_to_follow_is_none() -> None:
