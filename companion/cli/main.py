@@ -20,6 +20,7 @@ import typer
 
 from companion.cli import flight as flight_commands
 from companion.cli import safety as safety_commands
+from companion.cli.interruption import signals_are_ctrl_c
 from companion.cli.maps import commands as map_commands
 from companion.cli.options import Config, Preset
 from companion.errors import EXIT_INTERRUPTED, CompanionError
@@ -76,6 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):
         # Descriptions hold Greek letters: a terminal without them shows an escape instead of failing.
         sys.stdout.reconfigure(errors="backslashreplace")
+    signals_are_ctrl_c()
     try:
         _app(commands, called)(args=arguments, prog_name="companion")
     except CompanionError as error:

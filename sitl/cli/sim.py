@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from companion.cli.interruption import finishing
 from companion.cli.options import Config, Preset
 from companion.config.load import load
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
@@ -15,6 +16,10 @@ from sitl.mines import load_world
 from sitl.report.run_folder import default_folder, new_folder, write_run
 from sitl.sim.display import Display, clock
 from sitl.sim.simulation import Simulation
+
+
+class UnwrittenError(CompanionError):
+    """A part of the results could not be written; the rest is there."""
 
 
 class MissionFailedError(CompanionError):
@@ -55,16 +60,27 @@ def simulate(
             "layers have room for; allow more there, with control.vertical_margin_m small enough"
         )
     target = default_folder(world, seed) if out is None else out
-    with new_folder(target) as folder:
-        with console.status("preparing the mine (the very first flight compiles the fast parts, about a minute)"):
-            mine = load_world(world, seed, start)
-            simulation = Simulation(mine, settings, seed, vehicles)
-        console.print(f"{mine.name}: {mine.description}", highlight=False)
-        with Display(console) as display:
-            simulation.run(limit_s, display)
-        with console.status("writing map and report"):
-            summary = write_run(folder, simulation, loaded.preset, config)
+    began = False
+    try:
+        with new_folder(target) as folder:
+            began = True
+            with console.status("preparing the mine (the very first flight compiles the fast parts, about a minute)"):
+                mine = load_world(world, seed, start)
+                simulation = Simulation(mine, settings, seed, vehicles)
+            console.print(f"{mine.name}: {mine.description}", highlight=False)
+            failure = _fly(simulation, limit_s, console)
+            with console.status("writing map and report"), finishing("writing map and report"):
+                summary = write_run(folder, simulation, loaded.preset, config)
+    except BaseException:
+        if began and target.is_dir() and any(target.iterdir()):
+            typer.echo(f"what had been written is in {target}", err=True)
+        raise
     _say_result(console, simulation, summary, target)
+    if failure is not None:
+        raise failure
+    if unwritten := summary["unwritten"]:
+        assert isinstance(unwritten, dict)  # noqa: S101 - the summary holds values of all types
+        raise UnwrittenError(f"not written to {target}: {'; '.join(f'{n} ({why})' for n, why in unwritten.items())}")
     if simulation.ended_because == "stopped by the user":
         raise typer.Exit(EXIT_INTERRUPTED)
     if simulation.ended_because != "complete":
@@ -72,6 +88,17 @@ def simulate(
             f"the mission ended because of: {simulation.ended_because}; the map holds {simulation.completeness:.1%} of "
             f"what can be seen"
         )
+
+
+def _fly(simulation: Simulation, limit_s: float, console: Console) -> Exception | None:
+    """Fly; a mistake of ours ends the flight, and what was flown until then is written all the same."""
+    try:
+        with Display(console) as display:
+            simulation.run(limit_s, display)
+    except Exception as error:  # noqa: BLE001 - it is raised again when the results are safe
+        simulation.ended_because = f"failed: {error!r}"
+        return error
+    return None
 
 
 def _say_result(console: Console, simulation: Simulation, summary: dict[str, object], folder: Path) -> None:

@@ -1,11 +1,11 @@
-"""The folder of a simulated flight: written beside its final name and moved there when it is whole."""
+"""The folder of a simulated flight: written beside its final name and moved there, with all that could be written."""
 
 from __future__ import annotations
 
 import json
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,8 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from companion.config.show import dump_yaml
-from companion.errors import InputError
-from companion.mapping.files import write_map
+from companion.errors import CompanionError, InputError
+from companion.mapping.files import OF_A_MISSION
+from companion.mapping.files import write as write_map_file
+from companion.mapping.files.whole import whole_file
 from companion.mapping.journal import JOURNAL_NAME, Header, Journal
 from sitl.report import ReportData, overview_png, write_report
 from sitl.sim.simulation import Simulation
@@ -28,7 +30,7 @@ def default_folder(world: str, seed: int) -> Path:
 
 @contextmanager
 def new_folder(target: Path) -> Iterator[Path]:
-    """A folder to write into, which becomes ``target`` at the end; nothing is left of it when the flight fails.
+    """A folder to write into, which becomes ``target`` at the end, however that comes; an empty one goes away.
 
     It is made before the flight: whoever may not write there learns it at once and not after an hour.
 
@@ -45,53 +47,102 @@ def new_folder(target: Path) -> Iterator[Path]:
         raise InputError(f"--out {target}: {error.strerror}; give a folder that you may write") from None
     try:
         yield partial
-        if target.is_dir():
-            # An empty folder that is there already may be a link, or where a shell stands: it is filled, not replaced.
-            for file in sorted(partial.iterdir()):
-                file.replace(target / file.name)
-        else:
-            # mkdtemp makes folders that only their owner may read.
-            partial.chmod(0o755)
-            partial.replace(target)
+    except BaseException:
+        if any(partial.iterdir()):
+            _become(partial, target)
+        raise
+    else:
+        _become(partial, target)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 
 
+def _become(partial: Path, target: Path) -> None:
+    if target.is_dir():
+        # An empty folder that is there already may be a link, or where a shell stands: it is filled, not replaced.
+        for file in sorted(partial.iterdir()):
+            file.replace(target / file.name)
+    else:
+        # mkdtemp makes folders that only their owner may read.
+        partial.chmod(0o755)
+        partial.replace(target)
+
+
 def write_run(folder: Path, simulation: Simulation, preset: str, config: Path | None) -> dict[str, object]:
-    """Write map, trajectories, summary and report into a folder.
+    """Write trajectories, map, summary and report into a folder: each by itself, first what cannot be made again.
 
     Returns:
-        The summary.
+        The summary; ``unwritten`` in it names what could not be written, and why.
+
+    Raises:
+        KeyboardInterrupt: it was interrupted; what had been written by then is there, and the summary names the rest.
+        OSError: not even the summary could be written.
     """
     settings = simulation.settings
     voxels = simulation.merged_map()
     summary = simulation.score()
     summary["preset"] = preset
     summary["config"] = None if config is None else str(config)
+    summary["unwritten"] = unwritten = dict[str, str]()
+    settings_yaml = dump_yaml(settings)
+
+    def journal(path: Path) -> None:
+        with Journal.open(path, Header.of(settings.mapping)) as file:
+            file.append_all(voxels)
+
+    writers: dict[str, Callable[[Path], object]] = {JOURNAL_NAME: journal}
     for flight in simulation.flights:
         name = "trajectory.csv" if len(simulation.flights) == 1 else f"trajectory-{flight.log.vehicle_id}.csv"
-        flight.log.write_csv(folder / name)
-    write_map(voxels, folder)
-    with Journal.open(folder / JOURNAL_NAME, Header.of(settings.mapping)) as journal:
-        journal.append_all(voxels)
-    settings_yaml = dump_yaml(settings)
-    (folder / "settings.yaml").write_text(settings_yaml, encoding="utf-8")
-    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    data = ReportData(
-        title=f"{simulation.world.name}, seed {simulation.seed}, preset {preset}",
-        summary=summary,
-        vertices_m=simulation.world.vertices_m,
-        triangles=simulation.world.triangles,
-        flights=tuple(flight.log for flight in simulation.flights),
-        progress=np.array(simulation.progress, dtype=np.float64).reshape(-1, 2),
-        occupied_m=voxels.occupied(),
-        voxel_m=voxels.voxel_m,
-        missed_m=simulation.missed_m(),
-        margin_m=settings.control.margin_m,
-        critical_margin_m=settings.control.critical_margin_m,
-        height_m=settings.control.height_m,
-        settings_yaml=settings_yaml,
+        writers[name] = flight.log.write_csv
+    writers["settings.yaml"] = lambda path: path.write_text(settings_yaml, encoding="utf-8")
+    for format_ in OF_A_MISSION:
+        writers[f"map.{format_}"] = lambda path: write_map_file(voxels, path)
+    data: list[ReportData] = []
+    writers["report.html"] = lambda path: write_report(path, _reported(simulation, summary, settings_yaml, data))
+    writers["overview.png"] = lambda path: path.write_bytes(
+        overview_png(_reported(simulation, summary, settings_yaml, data))
     )
-    write_report(folder / "report.html", data)
-    (folder / "overview.png").write_bytes(overview_png(data))
+    waiting = dict.fromkeys(writers, "not written yet")
+    try:
+        for name, write in writers.items():
+            try:
+                write(folder / name)
+            except (OSError, MemoryError, CompanionError) as error:
+                # Half a file would be taken for a whole one; the journal tells by itself how far it is whole.
+                if name != JOURNAL_NAME:
+                    (folder / name).unlink(missing_ok=True)
+                unwritten[name] = str(error) or type(error).__name__
+            del waiting[name]
+    except BaseException as error:
+        unwritten.update(dict.fromkeys(waiting, "interrupted" if isinstance(error, KeyboardInterrupt) else repr(error)))
+        raise
+    finally:
+        with whole_file(folder / "summary.json") as file:
+            file.write((json.dumps(summary, indent=2) + "\n").encode())
     return summary
+
+
+def _reported(
+    simulation: Simulation, summary: dict[str, object], settings_yaml: str, made: list[ReportData]
+) -> ReportData:
+    """What the report shows; made once, for page and picture."""
+    if not made:
+        settings, voxels = simulation.settings, simulation.merged_map()
+        made.append(
+            ReportData(
+                title=f"{simulation.world.name}, seed {simulation.seed}, preset {summary['preset']}",
+                summary=summary,
+                vertices_m=simulation.world.vertices_m,
+                triangles=simulation.world.triangles,
+                flights=tuple(flight.log for flight in simulation.flights),
+                progress=np.array(simulation.progress, dtype=np.float64).reshape(-1, 2),
+                occupied_m=voxels.occupied(),
+                voxel_m=voxels.voxel_m,
+                missed_m=simulation.missed_m(),
+                margin_m=settings.control.margin_m,
+                critical_margin_m=settings.control.critical_margin_m,
+                height_m=settings.control.height_m,
+                settings_yaml=settings_yaml,
+            )
+        )
+    return made[0]

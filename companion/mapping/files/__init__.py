@@ -31,8 +31,8 @@ FORMATS: dict[str, Callable[[Export, BinaryIO, Progress], None]] = {
 }
 """What writes each format. The first four hold the occupied voxels, the others also what is free."""
 
-_OF_A_MISSION = ("ply", "pcd", "laz", "bt")
-"""The last may fail where the others do not: a map can be too large for it."""
+OF_A_MISSION = ("ply", "pcd", "laz", "bt")
+"""What is brought home. The last may fail where the others do not: a map can be too large for it."""
 
 _OCTREES = (".bt", ".ot")
 
@@ -97,7 +97,7 @@ def write_map(source: MapSource, folder: Path, created: date | None = None) -> d
     """
     folder.mkdir(parents=True, exist_ok=True)
     export = Export.of(source, created)
-    paths = {format_: folder / f"map.{format_}" for format_ in _OF_A_MISSION}
+    paths = {format_: folder / f"map.{format_}" for format_ in OF_A_MISSION}
     for format_, path in paths.items():
         _write(export, format_, path, silent)
     return paths
@@ -108,4 +108,4 @@ def _write(export: Export, format_: str, path: Path, progress: Progress) -> None
         FORMATS[format_](export, file, progress)
 
 
-__all__ = ["FORMATS", "MapFileError", "Progress", "open_map", "write", "write_map", "write_mesh"]
+__all__ = ["FORMATS", "OF_A_MISSION", "MapFileError", "Progress", "open_map", "write", "write_map", "write_mesh"]

@@ -9,6 +9,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,10 +19,13 @@ import pytest
 
 from companion.cli.main import main
 from companion.config.load import load_settings
+from companion.mapping.files import MapFileError, write
+from companion.mapping.voxels.piece import MapSource
 from sitl.cli import sim
 from sitl.report import run_folder
 from sitl.sim import simulation
 from sitl.sim.flight_log import COLUMNS
+from sitl.sim.simulation import Simulation
 from tests.sitl.scene.test_render import box
 
 COMPANION = """
@@ -348,7 +352,7 @@ class TestInterrupted:
     def test_ctrl_c_before_and_after_leaves_nothing(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str
     ) -> None:
-        """Protects from half a folder: interrupted while preparing or writing, it ends with 130 and there is none."""
+        """Protects from an empty folder: interrupted before anything is written, it ends with 130 and there is none."""
 
         def interrupted(*_arguments: object, **_named: object) -> None:
             raise KeyboardInterrupt
@@ -359,16 +363,107 @@ class TestInterrupted:
         assert "Traceback" not in done.err
         assert left_in(tmp_path) == set()
 
-    def test_a_failure_while_writing_leaves_nothing(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        """Protects from folders that look whole: a bug keeps its traceback, and leaves no folder behind."""
+    @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+    def test_a_supervisor_and_a_closed_terminal_are_ctrl_c(self, tmp_path: Path, number: signal.Signals) -> None:
+        """Protects an hour of flight from a computer that shuts down: the map is written, and the code is 130."""
+        command = [sys.executable, "-c", COMPANION, "sim", "--world", "room", "--out", "flight"]
+        with subprocess.Popen(
+            command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        ) as process:
+            assert process.stdout is not None
+            for line in process.stdout:
+                if "times real time" in line:
+                    process.send_signal(number)
+                    break
+            out, err = process.communicate(timeout=60)
+        done = Done(process.returncode, out, err, tmp_path / "flight")
+        assert done.code == 130
+        assert "Traceback" not in done.err
+        assert done.files == FILES
+        assert done.summary["ended_because"] == "stopped by the user"
+
+
+class TestWhatCannotBeWritten:
+    """Results are never thrown away: each file by itself."""
+
+    @pytest.mark.parametrize("moment", ["overview_png", "write_report", "write_map_file"])
+    def test_a_mistake_of_ours_keeps_what_was_written_before(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str
+    ) -> None:
+        """Protects the flight from a bug in a picture: its traceback stays, and the summary names what is missing."""
 
         def broken(*_arguments: object) -> None:
             raise ZeroDivisionError
 
-        monkeypatch.setattr(run_folder, "write_report", broken)
+        monkeypatch.setattr(run_folder, moment, broken)
         with pytest.raises(ZeroDivisionError):
             fly(tmp_path, "--world", "room", "--time-limit", "0.1")
-        assert left_in(tmp_path) == set()
+        there = left_in(tmp_path / "flight")
+        assert {"map.journal", "trajectory.csv", "settings.yaml", "summary.json"} <= there
+        unwritten = json.loads((tmp_path / "flight" / "summary.json").read_text(encoding="utf-8"))["unwritten"]
+        assert there | set(unwritten) == FILES
+        assert set(unwritten.values()) == {"ZeroDivisionError()"}
+
+    @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), MapFileError("too far away for it")])
+    def test_a_file_that_cannot_be_written_costs_that_file_alone(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+    ) -> None:
+        """Protects from a format that cannot hold the mine, and from a full disk: named in one line, all else there."""
+
+        def refused(source: MapSource, path: Path) -> None:
+            if path.suffix == ".laz":
+                path.write_bytes(b"half")
+                raise error
+            write(source, path)
+
+        monkeypatch.setattr(run_folder, "write_map_file", refused)
+        done = fly(tmp_path, "--world", "room", "--time-limit", "0.1")
+        assert done.code == 1
+        assert "map.laz" in done.err
+        assert str(error) in done.err
+        assert "Traceback" not in done.err
+        assert done.files == FILES - {"map.laz"}
+        assert done.summary["unwritten"] == {"map.laz": str(error)}
+
+    def test_a_flight_that_fails_is_written(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Protects an hour of flight from a mistake of ours in its last minute."""
+        tick = Simulation._tick
+
+        def fails(self: Simulation, dt_s: float) -> None:
+            if self.t_s > 1.0:
+                raise ZeroDivisionError
+            tick(self, dt_s)
+
+        monkeypatch.setattr(Simulation, "_tick", fails)
+        with pytest.raises(ZeroDivisionError):
+            fly(tmp_path, "--world", "room", "--time-limit", "5")
+        assert left_in(tmp_path / "flight") == FILES
+        summary = json.loads((tmp_path / "flight" / "summary.json").read_text(encoding="utf-8"))
+        assert "ZeroDivisionError" in summary["ended_because"]
+        assert summary["sim_time_s"] == pytest.approx(1.05, abs=0.1)
+
+    def test_who_interrupts_while_it_writes_is_told_to_wait_and_the_next_time_it_ends(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    ) -> None:
+        """Protects the map from impatience, and the impatient from a hanging disk."""
+        asked = 0
+
+        def interrupted(path: Path, *_: object) -> None:
+            nonlocal asked
+            path.touch()
+            asked += 1
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.01)
+
+        monkeypatch.setattr(run_folder, "write_map_file", lambda _, path: interrupted(path))
+        done = fly(tmp_path, "--world", "room", "--time-limit", "0.1")
+        assert (done.code, asked) == (130, 2)
+        assert capfd.readouterr().err.count("a moment; interrupt once more") == 1
+        assert {"map.journal", "trajectory.csv", "settings.yaml", "summary.json"} <= done.files
+        unwritten = done.summary["unwritten"]
+        assert isinstance(unwritten, dict)
+        assert set(unwritten) >= {"map.bt", "report.html", "overview.png"}
+        assert "what had been written is in" in done.err
 
 
 class TestNewFolder:
