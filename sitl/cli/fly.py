@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Literal
@@ -10,7 +9,7 @@ from typing import Annotated, Literal
 import typer
 
 from companion.errors import CompanionError, InputError
-from sitl.launch.processes import Crew, FlightPlan, environment, patient
+from sitl.launch.processes import Crew, FlightPlan, patient, run_to_its_end
 from sitl.launch.real import find
 
 
@@ -65,7 +64,7 @@ def fly(
             typer.echo(
                 f"faults: send takeover, battery PERCENT or gps on|off to UDP port {crew.control_port} on loopback"
             )
-        code = subprocess.run(crew.application("--fix"), env=environment(), check=False).returncode  # noqa: S603
+        code = run_to_its_end(crew.application("--fix"))
         crew.check()
     score = crew.score()
     typer.echo(

@@ -7,6 +7,7 @@ import json
 import os
 import signal
 import socket
+import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -214,6 +215,25 @@ def patient() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def run_to_its_end(command: Sequence[str]) -> int:
+    """Run the application, which lands first whatever ends it; its exit code.
+
+    Ctrl-C reaches it from the terminal, as it reaches all of them. SIGTERM and SIGHUP come to this process alone: they
+    are handed on.
+    """
+    with subprocess.Popen(command, env=environment()) as child:  # noqa: S603
+        before = {
+            number: signal.signal(number, lambda *_: child.send_signal(signal.SIGINT))
+            for number in (signal.SIGTERM, signal.SIGHUP)
+            if signal.getsignal(number) is not signal.SIG_IGN
+        }
+        try:
+            return child.wait()
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
 
 
 def environment() -> dict[str, str]:

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import sys
+import threading
+from pathlib import Path
+
 import pytest
 
-from sitl.launch.processes import odometry_options, with_odometry
+from sitl.launch.processes import odometry_options, run_to_its_end, with_odometry
 
 STATION = {"url": "udpout://127.0.0.1:14550", "may": "command"}
 
@@ -30,3 +36,32 @@ def test_who_is_attached_already_stays_attached() -> None:
     safety = with_odometry({"safety": {"attached": [STATION], "restarts": 1}}, 14777)["safety"]
     assert [one["may"] for one in safety["attached"]] == ["command", "odometry"]
     assert safety["restarts"] == 1
+
+
+LANDS = """
+import pathlib, signal, sys, time
+def land(*_):
+    time.sleep(0.3)  # it takes its time, and nobody kills it meanwhile
+    pathlib.Path(sys.argv[1]).write_text("landed")
+    sys.exit(7)
+signal.signal(signal.SIGINT, land)
+pathlib.Path(sys.argv[1] + ".flies").touch()
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_whoever_ends_the_command_lets_the_application_land(tmp_path: Path, number: signal.Signals) -> None:
+    """Protects a flight from a supervisor: the application and what it flew by were left running, without a word."""
+    landed, flies = tmp_path / "landed", tmp_path / "landed.flies"
+
+    def end_it() -> None:
+        while not flies.exists():
+            pass
+        os.kill(os.getpid(), number)
+
+    threading.Thread(target=end_it).start()
+    before = signal.getsignal(number)
+    assert run_to_its_end([sys.executable, "-c", LANDS, str(landed)]) == 7
+    assert landed.read_text(encoding="utf-8") == "landed"
+    assert signal.getsignal(number) == before
