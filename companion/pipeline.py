@@ -73,7 +73,8 @@ class Explorer:
     """
 
     def __init__(self, settings: Settings, rng: np.random.Generator) -> None:
-        self.navigator = Navigator(settings.control, rng)
+        height_m = settings.control.height_m
+        self.navigator = Navigator(settings.control, rng, settings.sensors.camera.sees_from_m(height_m))
         self._extractor = Extractor(settings.sensors, settings.vehicle, settings.control.height_m)
 
     def look(self, observation: Observation) -> Measurement:

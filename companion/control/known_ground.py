@@ -21,9 +21,10 @@ from companion.model import HIT, UNKNOWN, Pose, Scan
 CELL_M = 0.5
 """Size of a cell: a fraction of any drift that a vehicle fits through, and few enough cells for a search in a tick."""
 
-LOOK_FROM_M, LOOK_M = 2.0, 5.0
-"""Ground counts as seen between these distances. Nearer, floor and roof lie outside of a forward camera's picture, and
-what is only passed beside or in a turn stays unseen; further, depth is not good enough for a map."""
+SEEN_FROM_M, LOOK_M = 2.76, 5.0
+"""Ground counts as seen between these distances. Nearer, floor and roof 1.5 m below and above lie outside of the
+picture of a camera that sees 57° upright, and what is only passed beside or in a turn stays unseen; further, depth is
+not good enough for a map."""
 
 FIRST_CELLS, MOST_CELLS = 256, 2048
 """Side of the grid at the start and at most, in cells: 128 m, doubled as needed up to 1 km. Ground outside of the
@@ -84,9 +85,14 @@ class Window:
 
 
 class KnownGround:
-    """A plan grid of unseen, free and wall cells about the place where the flight began."""
+    """A plan grid of unseen, free and wall cells about the place where the flight began.
 
-    def __init__(self) -> None:
+    Args:
+        seen_from_m: nearer, floor and roof are not in the picture.
+    """
+
+    def __init__(self, seen_from_m: float = SEEN_FROM_M) -> None:
+        self._seen_from_m = min(seen_from_m, LOOK_M - CELL_M)
         self._cells = np.zeros((FIRST_CELLS, FIRST_CELLS), np.uint8)
         self._origin: tuple[float, float] | None = None
         self._blocked_m: deque[tuple[float, float]] = deque(maxlen=MOST_BLOCKED)
@@ -104,6 +110,7 @@ class KnownGround:
             (pose.y_m - self._origin[1]) / CELL_M,
             pose.yaw_rad,
             scan,
+            self._seen_from_m,
         )
 
     def window(self, x_m: float, y_m: float) -> Window | None:
@@ -188,9 +195,9 @@ class KnownGround:
 
 
 @compiled
-def _see(cells: NDArray[np.uint8], x: float, y: float, yaw_rad: float, scan: Scan) -> None:
+def _see(cells: NDArray[np.uint8], x: float, y: float, yaw_rad: float, scan: Scan, seen_from_m: float) -> None:
     """Enter a scan made at a place that is given in cells."""
-    look_from, look = LOOK_FROM_M / CELL_M, LOOK_M / CELL_M
+    look_from, look = seen_from_m / CELL_M, LOOK_M / CELL_M
     side = cells.shape[0]
     for i in range(scan.bearings_rad.size):
         if scan.state[i] == UNKNOWN or not scan.fresh[i]:
