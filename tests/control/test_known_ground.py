@@ -9,7 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.control.known_ground import CELL_M, FIRST_CELLS, MOST_CELLS, KnownGround, WallFollowing
+from companion.config.sensors import CameraSettings
+from companion.control.known_ground import (
+    CELL_M,
+    FIRST_CELLS,
+    MOST_CELLS,
+    SEEN_FROM_M,
+    KnownGround,
+    WallFollowing,
+)
 from companion.model import Pose
 from tests.control.scene import Scene
 from tests.control.stages import compiled, random_scan
@@ -145,3 +153,17 @@ def test_a_way_is_never_shorter_than_the_flight_to_its_beginning(
         ground.see(random_scan(rng), Pose(0.0, float(x), float(y), 1.5, float(yaw)))
     (way,) = ground.way_to_unseen_m((0.0, 0.0), (WallFollowing(x_m, y_m, direction_rad, gamma),))
     assert way >= abs(x_m) + abs(y_m)
+
+
+def test_ground_is_seen_from_where_the_camera_sees_floor_and_roof() -> None:
+    """Protects the corners: what is nearer is in no picture, and was looked for by laps when it counted as seen."""
+    camera = CameraSettings()
+    assert camera.sees_from_m(1.5) == pytest.approx(SEEN_FROM_M, abs=0.01)
+    assert CameraSettings(mount_pitch_deg=10.0).sees_from_m(1.5) > 4.0, "the roof is seen from further off"
+    assert CameraSettings(mount_pitch_deg=30.0).sees_from_m(1.5) == math.inf
+    near, far = KnownGround(1.0), KnownGround(3.0)
+    for ground in (near, far):
+        ground.see(DRIFT.scan(at(0.0)), at(0.0))
+    place = WallFollowing(2.25, 0.0, EAST, 1)
+    assert far.way_to_unseen_m((2.25, 0.0), (place,)) == [0.0]
+    assert near.way_to_unseen_m((2.25, 0.0), (place,)) > [0.0]
