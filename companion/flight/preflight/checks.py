@@ -24,6 +24,7 @@ from companion.flight.preflight.prearm import PREARM, prearm
 from companion.flight.preflight.result import CheckResult, age
 from companion.mavlink.firmware import MEASURED_BRAKE_MPS2
 from companion.model import Beam
+from companion.sensors.remedies import remedy, told
 from companion.sensors.statistics import StreamStatistics
 
 HEARTBEAT_AGE_S = 2.5
@@ -174,13 +175,15 @@ def _sensors(inputs: Mapping[str, StreamStatistics], settings: Settings) -> Iter
         found = inputs.get(name)
         rate_hz, age_s = (0.0, math.inf) if found is None else (found.rate_hz, found.age_s)
         ok = rate_hz >= RATE_SHARE * asked_hz and age_s <= oldest_s
+        refused = "" if found is None or ok else told(found)
+        what_to_do = "" if found is None else remedy(found)
         yield CheckResult(
             name,
             ok,
-            f"{rate_hz:.1f} Hz, newest {age(age_s)}",
+            f"{rate_hz:.1f} Hz, newest {age(age_s)}" + (f"; {refused}" if refused else ""),
             f"at least {RATE_SHARE * asked_hz:g} Hz, not older than {oldest_s:g} s",
             reason,
-            "" if ok else "look at the sensor and at sensors.drivers, or take it out of the settings",
+            "" if ok else what_to_do or "look at the sensor and at sensors.drivers, or take it out of the settings",
         )
 
 

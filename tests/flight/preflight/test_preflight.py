@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from companion.config.settings import Settings
 from companion.errors import InputError
 from companion.flight.preflight import CheckResult, check_names, refusal, render, run_checks
 from companion.mavlink.firmware import AutopilotKind
+from companion.sensors.sink import NOT_POSITIVE
 from companion.sensors.statistics import StreamStatistics
 from tests.autopilot.fake_link import FakeLink
 from tests.shared.clocks import HandClock
@@ -153,6 +155,16 @@ class Bench:
 
     async def failures(self, **options: Any) -> list[str]:
         return [result.name for result in (await self.check(**options)).values() if result.failed]
+
+
+async def test_why_readings_are_refused_is_told_where_they_are_missed(tmp_path: Path) -> None:
+    """Protects the integrator: frames that come and are refused are not frames that never came."""
+    bench = Bench(PX4, tmp_path)
+    bench.inputs["depth"] = StreamStatistics(0.0, math.inf, count=0, dropped=29, reasons={NOT_POSITIVE: 29})
+    found = (await bench.check())["depth"]
+    assert found.failed
+    assert found.found == f"0.0 Hz, newest never came; 29 came, 29 refused: {NOT_POSITIVE}"
+    assert "NaN" in found.fix
 
 
 @pytest.mark.parametrize("gps", [True, False])
