@@ -42,6 +42,7 @@ TOUCHING_M = 0.01
 """0 in OBSTACLE_DISTANCE is an obstacle that touches; a planar scan of ours means by it that nothing was measured."""
 
 MALFORMED, REPEATED, WRONG_FRAME = "malformed message", "repeated or out of order", "bearings not from the heading"
+ANOTHER = "from another sensor that looks the same way: the first one that measured is believed"
 
 SILENT_S, ASK_AGAIN_S = 2.0, 5.0
 """What has not come for the first is asked for, with the second between questions: the autopilot may have rebooted."""
@@ -86,6 +87,7 @@ class MavlinkDriver:
         self._subscribed = False
         self._arrived_s = dict.fromkeys(rates_hz, -math.inf)
         self._answers: dict[str, str] = {}
+        self._believed: dict[Beam, tuple[int, float | None]] = {}
         self._senders: dict[tuple[object, ...], tuple[float, float]] = {}  # stamp in ms, arrival
 
     async def run(self, sink: SensorSink) -> None:
@@ -143,9 +145,24 @@ class MavlinkDriver:
         if self._is_repeated(message, (beam, _number(fields, "id")), _number(fields, "time_boot_ms")):
             sink.drop(beam.value, REPEATED)
             return
-        measured = now_cm >= least_cm and now_cm > 0.0 and _number(fields, "signal_quality") != INVALID_SIGNAL
+        # Beyond its range a sensor measures nothing, and 65535 is what many say then.
+        in_range = least_cm <= now_cm <= most_cm and 0.0 < now_cm < UNKNOWN_CM
+        measured = in_range and _number(fields, "signal_quality") != INVALID_SIGNAL
+        if not self._is_the_one(message, beam, measured):
+            sink.drop(beam.value, ANOTHER)
+            return
         range_m = now_cm / 100.0 if measured else None
         sink.ranges([RangeReading(beam, message.received_s, range_m, most_cm / 100.0)])
+
+    def _is_the_one(self, message: Message, beam: Beam, measured: bool) -> bool:
+        """Whether that is the sensor that is believed for its direction: the first one that has measured something.
+
+        Two that look the same way and see different things would make the height jump with every other message.
+        """
+        sender = (message.component_id, _number(message.fields, "id"))
+        if measured:
+            self._believed.setdefault(beam, sender)
+        return self._believed.get(beam, sender) == sender
 
     def _take_obstacles(self, message: Message, sink: SensorSink) -> None:
         fields = message.fields

@@ -89,7 +89,9 @@ async def test_each_orientation_is_its_beam(orientation: int, beam: Beam) -> Non
     ("changed", "range_m"),
     [
         pytest.param({"current_distance": 800}, 8.0, id="free out to the limit"),
-        pytest.param({"current_distance": 1200}, 12.0, id="beyond the limit"),
+        pytest.param({"current_distance": 1200}, None, id="beyond the limit"),
+        pytest.param({"current_distance": 65535}, None, id="65535, which many send for nothing"),
+        pytest.param({"current_distance": 65535, "max_distance": 65535}, None, id="65535 as its range too"),
         pytest.param({"current_distance": 10}, None, id="nearer than it can measure"),
         pytest.param({"current_distance": 0, "min_distance": 0}, None, id="zero"),
         pytest.param({"signal_quality": 1}, None, id="failed reading"),
@@ -122,6 +124,22 @@ async def test_a_malformed_distance_is_counted(changed: dict[str, Any]) -> None:
         assert b.reasons("down") == {mavlink.MALFORMED}
 
 
+@pytest.mark.parametrize("other", [{"component_id": 197}, {"id": 3}])
+async def test_of_two_that_look_the_same_way_the_first_that_measured_is_believed(other: dict[str, int]) -> None:
+    """Protects the height: a second sensor that says 65535, or sees something else, took it away every other tick."""
+    sender = {name: value for name, value in other.items() if name == "component_id"}
+    changed = {name: value for name, value in other.items() if name == "id"}
+    async with bench() as b:
+        nothing = b.says(DISTANCE, distance(current_distance=65535, **changed), **sender).ranges
+        assert [reading.range_m for reading in nothing] == [None]
+        assert len(b.says(DISTANCE, distance(), NOW_S + 0.1).ranges) == 1
+        for i, seen_cm in enumerate((30, 65535), start=2):
+            told = distance(current_distance=seen_cm, **changed)
+            assert b.says(DISTANCE, told, NOW_S + 0.1 * i, **sender).ranges == ()
+        assert b.reasons("down") == {mavlink.ANOTHER}
+        assert len(b.says(DISTANCE, distance(orientation=24, **changed), NOW_S + 0.5, **sender).ranges) == 1, "upward"
+
+
 async def test_only_our_vehicle_is_heard_but_any_component_of_it() -> None:
     """Another vehicle's height above ground, believed, would end on the ground."""
     async with bench() as b:
@@ -146,7 +164,8 @@ async def test_a_replayed_message_is_not_fresh(name: str, fields: dict[str, Any]
         assert not comes(5000, 100.1)
         assert not comes(4900, 100.2)
         assert comes(5100, 100.3)
-        assert comes(4000, 100.4, component_id=158), "another sender has its own stamps"
+        # Another sender has its own stamps; of rangefinders only one is believed.
+        assert comes(4000, 100.4, component_id=158) == (name == OBSTACLES)
         assert comes(100, 102.0), "rebooted"
         assert comes(0, 102.1), "senders without a clock send zero"
         assert comes(0, 102.2)
