@@ -51,8 +51,11 @@ def check(
 ) -> None:
     """Say whether a settings file can be used, and if not, everything that is wrong with it."""
     from companion.config.load import load
+    from companion.sensors.drivers.driver import find_drivers
 
-    typer.echo(f"{file}: OK (preset {load(file, preset).preset})")
+    loaded = load(file, preset)
+    find_drivers(loaded.settings)
+    typer.echo(f"{file}: OK (preset {loaded.preset})")
 
 
 @config_app.command()

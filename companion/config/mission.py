@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Literal
+import re
+from pathlib import Path
+from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from companion.config.section import Section
+
+
+def _folder(text: str) -> str:
+    """A folder as it stands, with the home of a person put in its place; what only a shell understands is refused."""
+    if "$" in text:
+        raise ValueError("names a variable, which a settings file does not know: write the path itself")
+    if re.match(r"[A-Za-z]:[\\/]", text) or "\\" in text:
+        raise ValueError("is a path of Windows: folders are separated by /, and there are no drives")
+    try:
+        return str(Path(text).expanduser())
+    except RuntimeError:
+        raise ValueError(f"there is nobody called {text.partition('/')[0][1:]!r} here: write the path itself") from None
 
 
 class MissionSettings(Section):
@@ -44,7 +58,9 @@ class RecordSettings(Section):
     """What is recorded of a flight, as MCAP: opens in Foxglove and Rerun."""
 
     enabled: bool = Field(True, description="whether flights are recorded")
-    folder: str = Field("flights", min_length=1, description="each flight makes a new folder in it")
+    folder: Annotated[str, AfterValidator(_folder)] = Field(
+        "flights", min_length=1, description="each flight makes a new folder in it; ~ is your home"
+    )
     depth: bool = Field(True, description="record the depth images too, so that the flight can be replayed")
     largest_mb: float = Field(
         4000.0, ge=10.0, le=1e6, description="size of a recording at which it stops; depth images go first, in MB"

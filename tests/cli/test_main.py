@@ -68,6 +68,16 @@ class TestConfig:
         assert output.out == ""
         assert [line.split(": ")[0] for line in output.err.splitlines()] == [f"{file}:2", f"{file}:3"]
 
+    def test_check_knows_the_drivers(self, run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+        """Protects from a name that is found wrong only beside the vehicle."""
+        file = tmp_path / "vehicle.yaml"
+        for drivers, code in (("stream, mavlink", 0), ("realsense", 2), ("stream, stream", 2)):
+            file.write_text(f"sensors:\n  drivers: [{drivers}]\n", encoding="utf-8")
+            assert run("config", "check", str(file)) == code
+        err = capsys.readouterr().err
+        assert "there is no sensor driver 'realsense'. Known: mavlink, stream" in err
+        assert "sensors.drivers names stream twice" in err
+
     def test_schema(self, run: Run, capsys: pytest.CaptureFixture[str]) -> None:
         assert run("config", "schema") == 0
         assert "preset" in json.loads(capsys.readouterr().out)["properties"]

@@ -112,6 +112,29 @@ class TestValues:
             f"vehicle.yaml:2: {section}.{key}: out of range: value {value}, bound {bound}; choose a value within it"
         )
 
+    @pytest.mark.parametrize(
+        ("folder", "says"),
+        [
+            ("$HOME/flights", "names a variable"),
+            ("/data/${DAY}", "names a variable"),
+            ("C:\\\\flights", "is a path of Windows"),
+            ("C:/flights", "is a path of Windows"),
+            ("data\\\\flights", "is a path of Windows"),
+            ("~nobody-of-this-name/flights", "there is nobody called"),
+        ],
+    )
+    def test_a_folder_that_only_a_shell_would_understand(self, write: Write, folder: str, says: str) -> None:
+        """Protects from a folder that is called $HOME, with the recording of the flight in it."""
+        (line,) = refusal(write(f'record:\n  folder: "{folder}"\n'))
+        assert line.startswith("vehicle.yaml:2: record.folder: ")
+        assert says in line
+
+    def test_the_home_of_a_person_is_meant(self, write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Protects from a folder that is called ~ ."""
+        monkeypatch.setenv("HOME", "/home/miner")
+        assert load_settings(write('record:\n  folder: "~/flights"\n')).record.folder == "/home/miner/flights"
+        assert load_settings(write("record:\n  folder: my flights~\n")).record.folder == "my flights~"
+
     def test_element_of_a_list(self, write: Write) -> None:
         (line,) = refusal(write("sensors:\n  beams:\n    directions:\n      - down\n      - frnt\n"))
         assert line.startswith('vehicle.yaml:5: sensors.beams.directions.1: not usable: value "frnt", expected ')

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Protocol, runtime_checkable
 
 from companion.autopilot.interface import Link
@@ -60,14 +60,23 @@ def load_drivers(settings: Settings, context: DriverContext) -> tuple[SensorDriv
     Raises:
         InputError: a name is unknown, given twice or offered by two packages, or its driver cannot be made.
     """
+    return tuple(_factory(entry)(settings, context) for entry in find_drivers(settings))
+
+
+def find_drivers(settings: Settings) -> tuple[EntryPoint, ...]:
+    """Where the drivers named by ``sensors.drivers`` are; nothing of them is imported.
+
+    Raises:
+        InputError: a name is unknown, given twice or offered by two packages.
+    """
     names = settings.sensors.drivers
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(f"sensors.drivers names {', '.join(twice)} twice; each driver runs once")
-    return tuple(_factory(name)(settings, context) for name in names)
+    return tuple(_find(name) for name in names)
 
 
-def _factory(name: str) -> DriverFactory:
+def _find(name: str) -> EntryPoint:
     offered = entry_points(group=GROUP)
     found = {entry.value: entry for entry in offered if entry.name == name}
     if not found:
@@ -77,6 +86,10 @@ def _factory(name: str) -> DriverFactory:
         places = ", ".join(sorted(found))
         raise InputError(f"sensors.drivers: {name} is offered more than once ({places}); uninstall all but one")
     (entry,) = found.values()
+    return entry
+
+
+def _factory(entry: EntryPoint) -> DriverFactory:
     try:
         factory: DriverFactory = entry.load()
     except (ImportError, AttributeError) as error:
