@@ -24,6 +24,10 @@ DRAINS = 16
 """Calls after which nothing can be left of the words of one who has ended: more do not fit into the socket."""
 GONE_S = 10.0
 """An autopilot that was silent for this long is not waited for when the end was asked for."""
+WAITED_S = 60.0
+"""Nor one that was silent for this long in any case: a radio that comes back has come back by then."""
+WRITES_S = 660.0
+"""With an autopilot that is gone nothing flies by beats; the application has this long to write what it flew for."""
 
 
 class Supervisor:
@@ -50,6 +54,7 @@ class Supervisor:
         self._heard = False
         self._asked = False
         self._killed = ""
+        self._told = ""
         self._goodbye_s: float | None = None
         self._goodbye_code: int | None = None
         self._died_s = 0.0
@@ -88,6 +93,8 @@ class Supervisor:
         self._asked = True
         if self.child is not None and number is not None:
             self.child.signal(number)
+        elif self.child is None:
+            self._told = ""
 
     def on_child_signal(self, now_s: float) -> None:
         """Hear of the end of the application, at once and whatever flies; leave is taken of it later."""
@@ -99,7 +106,7 @@ class Supervisor:
         if self.exit_code is not None:
             return
         if self.child is not None:
-            self._look_after(self.child, now_s)
+            self._look_after(self.child, now_s, autopilot_silent_s)
         else:
             self._after_death(now_s, autopilot_silent_s)
 
@@ -108,12 +115,13 @@ class Supervisor:
         if self.child is not None:
             self.child.close()
 
-    def _look_after(self, child: Child, now_s: float) -> None:
+    def _look_after(self, child: Child, now_s: float, autopilot_silent_s: float) -> None:
         if self._gate.goodbye is not None and self._goodbye_s is None:
             self._goodbye_s = now_s
         if self._killed:
             return
-        if self._gate.hangs(now_s):
+        patience_s = WRITES_S if autopilot_silent_s > GONE_S else 0.0
+        if self._gate.hangs(now_s - patience_s):
             self._killed = f"hung for {self._plan.thresholds.hang_s:g} s"
         elif self._goodbye_s is not None and now_s > self._goodbye_s + LEAVE_S:
             self._killed = f"did not end within {LEAVE_S:g} s of its last word"
@@ -149,10 +157,28 @@ class Supervisor:
         stops = self._gate.airborne and self._gate.stage > Stage.PASS
         if not stops and not self._gate.carries_odometry:
             self.exit_code = self._goodbye_code
+        elif stops:
+            self._wait(
+                f"it stops the vehicle ({self._gate.stage.name.lower()}): until that has landed, or a pilot has it"
+            )
+        else:
+            self._wait("the vehicle flies by odometry that passes through it: until that has landed")
+
+    def _wait(self, why: str) -> None:
+        if why != self._told:
+            self._told = why
+            self._log.say(
+                f"the application has ended, and the gate stays, since {why}. An autopilot that is silent for "
+                f"{WAITED_S:g} s, {GONE_S:g} s after Ctrl-C, is not waited for"
+            )
 
     def _after_death(self, now_s: float, autopilot_silent_s: float) -> None:
+        gone = autopilot_silent_s > (GONE_S if self._asked else WAITED_S)
         if self._goodbye_code is not None:
             self._leave()
+            if gone and self.exit_code is None:
+                self._log.say(f"the autopilot has been silent for {autopilot_silent_s:.0f} s: the gate ends")
+                self.exit_code = self._goodbye_code
             return
         if now_s < max(self._died_s + REST_S, self._looked_s + LOOK_S):
             return
@@ -162,11 +188,13 @@ class Supervisor:
             self._log.say(f"what the application had started is killed: {orphans}")
             for pid in orphans:
                 kill(pid)
-        elif self._asked:
-            if not self._gate.airborne or autopilot_silent_s > GONE_S:
-                self.exit_code = EXIT_FAILED
-        elif not self._gate.armed:
+        elif not self._asked and not self._gate.armed:
             self._start_again(now_s)
+        elif gone:
+            self._log.say(f"the autopilot has been silent for {autopilot_silent_s:.0f} s: the gate ends")
+            self.exit_code = EXIT_FAILED
+        elif self._asked and not self._gate.airborne:
+            self.exit_code = EXIT_FAILED
 
     def _start_again(self, now_s: float) -> None:
         # Nothing flies now.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import runpy
 import signal
@@ -16,13 +17,14 @@ import pytest
 
 from companion.errors import CompanionError, InputError
 from companion.gate import __main__ as main_module
+from companion.gate.faults import Stage
 from companion.gate.gate import Gate
 from companion.gate.plan import Attached, Plan, Signing
 from companion.gate.protocol import Goodbye
 from companion.gate.runtime import main as process
 from companion.gate.runtime import processes as precedence
 from companion.gate.runtime.signals import Signals
-from companion.gate.runtime.supervisor import GONE_S, LOOK_S, REST_S
+from companion.gate.runtime.supervisor import GONE_S, LOOK_S, REST_S, WAITED_S, WRITES_S
 from tests.gate.built import PLAN
 from tests.gate.runtime.rig import ATTITUDE, HOST, Rig, bound, rigged
 
@@ -192,6 +194,57 @@ def test_in_the_air_the_gate_outlives_a_dead_application_also_when_it_is_asked_t
         assert rig.supervisor.exit_code is None
         rig.offset_s += GONE_S
         assert rig.loop.run() == 1
+
+
+@pytest.mark.parametrize("last_word", [True, False])
+def test_an_autopilot_that_is_gone_is_not_waited_for_for_ever(monkeypatch: pytest.MonkeyPatch, last_word: bool) -> None:
+    """Protects whoever flew it: the autopilot had died in flight, the map was written, and the gate stayed, deaf."""
+    monkeypatch.setattr(Gate, "airborne", True)
+    monkeypatch.setattr(Gate, "armed", True)
+    monkeypatch.setattr(Gate, "stage", Stage.LAND)
+    with rigged() as rig:
+        rig.up()
+        rig.do(f"say('{Goodbye(7).packed().hex()}'); sys.exit(0)" if last_word else "os.kill(os.getpid(), 9)")
+        rig.turn_until(lambda: rig.supervisor.child is None)
+        rig.say(ATTITUDE)
+        rig.turn_until(lambda: rig.now_s() - rig.loop._heard_s < 1.0)
+        rig.offset_s += REST_S + LOOK_S
+        rig.turn_for(0.05)
+        assert rig.supervisor.exit_code is None
+        assert ("the gate stays, since it stops the vehicle (land)" in rig.words()) == last_word
+        rig.offset_s += WAITED_S
+        assert rig.loop.run() == (7 if last_word else 1)
+        assert "the autopilot has been silent for" in rig.words()
+
+
+def test_whoever_asks_need_not_wait_so_long_for_one_that_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protects from deafness: after its application's last word the gate did not look for Ctrl-C any more."""
+    monkeypatch.setattr(Gate, "airborne", True)
+    monkeypatch.setattr(Gate, "stage", Stage.HOLD)
+    with rigged() as rig:
+        rig.up()
+        rig.do(f"say('{Goodbye(0).packed().hex()}'); sys.exit(0)")
+        rig.turn_until(lambda: rig.supervisor.child is None)
+        rig.offset_s += GONE_S + 1.0
+        rig.turn_for(0.05)
+        assert rig.supervisor.exit_code is None
+        rig.supervisor.request_end(None)
+        assert rig.loop.run() == 0
+
+
+def test_whoever_writes_what_was_flown_for_is_not_taken_for_hanging(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protects the map: with the autopilot gone nothing flies by the beats that do not come while it is written."""
+    hangs_s = math.inf
+    monkeypatch.setattr(Gate, "hangs", lambda _, now_s: now_s > hangs_s)
+    with rigged() as rig:
+        rig.up()
+        child = rig.supervisor.child
+        assert child is not None
+        hangs_s = rig.now_s() - 1.0
+        rig.supervisor.cycle(rig.now_s(), GONE_S + 1.0)
+        assert "hung" not in rig.words()
+        rig.supervisor.cycle(rig.now_s() + WRITES_S, GONE_S + 1.0)
+        assert "the application hung" in rig.words()
 
 
 def test_signals_are_as_they_were_afterwards() -> None:
