@@ -216,7 +216,7 @@ class Navigator:
         assert target is not None  # noqa: S101 - R2 is entered only with a target
         if target.is_reached(pose, self.parameters.target_radius_m):
             self._arrive(target, scan, pose, t_s)
-        elif target.kind is TargetKind.KNOWN and self._is_blocked(scan, target, pose, t_s):
+        elif target.kind is TargetKind.KNOWN and self._is_blocked(measurement, scan, target, pose, t_s):
             self._choice.is_blocked(target, pose, t_s)
             self._enter(Mode.BOUNDARY, pose, t_s)
         elif self._progress.has_ended(target, pose, t_s):
@@ -314,12 +314,18 @@ class Navigator:
             self._gamma = -self._gamma
         self._enter(Mode.BOUNDARY, pose, t_s)
 
-    def _is_blocked(self, scan: Scan, target: Target, pose: Pose, t_s: float) -> bool:
-        """Whether for a while the camera has not confirmed what the known ground says; not while it turns there."""
+    def _is_blocked(self, measurement: Measurement, scan: Scan, target: Target, pose: Pose, t_s: float) -> bool:
+        """Whether for a while the camera has not confirmed what the known ground says; not while it turns there.
+
+        Nor is a way one on which something is nearer than d_c: there R3 turns away.
+        """
         bearing_rad = target.bearing_rad(pose)
         to_go_m = min(math.hypot(target.x_m - pose.x_m, target.y_m - pose.y_m), CONFIRMED_M)
         half_width_m = self.parameters.critical_margin_m + ROOM_M
-        if abs(bearing_rad) > FACED_RAD or edges.corridor_is_free(scan, bearing_rad, to_go_m, half_width_m):
+        has_room = measurement.d_m is None or measurement.d_m >= self.parameters.critical_margin_m
+        if has_room and (
+            abs(bearing_rad) > FACED_RAD or edges.corridor_is_free(scan, bearing_rad, to_go_m, half_width_m)
+        ):
             self._confirmed_s = t_s
         return t_s - self._confirmed_s > UNCONFIRMED_S
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import replace
 
@@ -87,3 +88,22 @@ def test_while_it_turns_towards_it_nothing_need_be_confirmed(monkeypatch: pytest
         setpoint = navigator.step(measurement(behind), ORIGIN, DT_S * (i + 1))
         assert mode_of(navigator) is Mode.TANGENT
         assert setpoint.yaw_rate_radps != 0.0
+
+
+def post(d_m: float, bearing_rad: float) -> float:
+    """Something at that distance, ahead on the left, and nothing else."""
+    return d_m if abs(bearing_rad - 0.9) < 0.1 else math.inf
+
+
+def test_where_something_is_nearer_than_the_critical_margin_it_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protects d_c: under a low roof it stood 13 s with rock at 0.75 m beside, since its target came no nearer."""
+    offered(monkeypatch, Way(12.0, -3.0, 0.0, -3.0, 0.0))
+    blocked: list[bool] = []
+    monkeypatch.setattr(Choice, "is_blocked", lambda *_: blocked.append(True))
+    for d_m, ends in ((0.81, False), (0.78, True)):
+        navigator = in_boundary(-1, choice="informed", rng=Fixed(0.99))
+        navigator.step(beside(-1), ORIGIN, 0.0)
+        beside_it = scan_of(functools.partial(post, d_m))
+        for i in range(13):
+            navigator.step(measurement(beside_it, d_m=d_m, d_bearing_rad=0.9), ORIGIN, DT_S * (i + 1))
+        assert bool(blocked) == ends
