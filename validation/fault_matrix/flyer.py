@@ -43,10 +43,15 @@ class Straight:
 
     Args:
         parameters: the law's settings.
-        rng: not used.
+        rng, seen_from_m: not used.
     """
 
-    def __init__(self, parameters: Parameters, rng: np.random.Generator) -> None:  # noqa: ARG002 - as the navigator has it
+    def __init__(
+        self,
+        parameters: Parameters,
+        rng: np.random.Generator,  # noqa: ARG002 - as the navigator has it
+        seen_from_m: float,  # noqa: ARG002
+    ) -> None:
         self.parameters = parameters
         self.height_m = parameters.height_m
         self._heading_rad: float | None = None

@@ -217,6 +217,21 @@ def test_an_autopilot_that_is_gone_is_not_waited_for_for_ever(monkeypatch: pytes
         assert "the autopilot has been silent for" in rig.words()
 
 
+def test_what_flies_by_odometry_that_passes_through_keeps_the_gate(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protects whoever has taken over: without the gate the autopilot would lose its position; it says so."""
+    carries = [True]
+    monkeypatch.setattr(Gate, "carries_odometry", property(lambda _: carries[0]))
+    with rigged() as rig:
+        rig.up()
+        rig.do(f"say('{Goodbye(4).packed().hex()}'); sys.exit(0)")
+        rig.turn_until(lambda: rig.supervisor.child is None)
+        rig.turn_for(0.05)
+        assert rig.supervisor.exit_code is None
+        assert "the gate stays, since the vehicle flies by odometry that passes through it" in rig.words()
+        carries[0] = False
+        assert rig.loop.run() == 4
+
+
 def test_whoever_asks_need_not_wait_so_long_for_one_that_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Protects from deafness: after its application's last word the gate did not look for Ctrl-C any more."""
     monkeypatch.setattr(Gate, "airborne", True)
