@@ -20,8 +20,7 @@ NOISE_M, SPREAD_RAD = 0.05, math.radians(35.0)
 
 def nearest(scan: Scan, counts: NDArray[np.bool_]) -> tuple[float, float] | None:
     """Range and bearing of the nearest HIT of those that count, (n,) bool; None when there is none."""
-    range_m, bearing_rad = _nearest(scan.bearings_rad, scan.ranges_m, (scan.state == HIT) & counts)
-    return (float(range_m), float(bearing_rad)) if np.isfinite(range_m) else None
+    return _found(scan.bearings_rad, scan.ranges_m, (scan.state == HIT) & counts)
 
 
 def followed(scan: Scan, gamma: int, half_width_m: float, lead_m: float = 0.0) -> tuple[float, float] | None:
@@ -42,8 +41,7 @@ def followed(scan: Scan, gamma: int, half_width_m: float, lead_m: float = 0.0) -
     x_m = scan.ranges_m * np.cos(scan.bearings_rad) - lead_m
     y_m = scan.ranges_m * np.sin(scan.bearings_rad)
     counts = (scan.state == HIT) & ((gamma * y_m >= 0.0) | ((x_m > 0.0) & (np.abs(y_m) < half_width_m)))
-    range_m, bearing_rad = _nearest(np.arctan2(y_m, x_m), np.hypot(x_m, y_m), counts)
-    return (float(range_m), float(bearing_rad)) if np.isfinite(range_m) else None
+    return _found(np.arctan2(y_m, x_m), np.hypot(x_m, y_m), counts)
 
 
 def is_on_the_other_side(scan: Scan, gamma: int, parameters: Parameters) -> bool:
@@ -54,6 +52,11 @@ def is_on_the_other_side(scan: Scan, gamma: int, parameters: Parameters) -> bool
     own, other = (followed(scan, side, parameters.critical_margin_m) for side in (gamma, -gamma))
     margin_m = parameters.margin_m
     return other is not None and other[0] <= NEAR_SHARE * margin_m and (own is None or own[0] > FAR_SHARE * margin_m)
+
+
+def _found(bearings_rad: FloatArray, ranges_m: FloatArray, counts: NDArray[np.bool_]) -> tuple[float, float] | None:
+    range_m, bearing_rad = _nearest(bearings_rad, ranges_m, counts)
+    return (float(range_m), float(bearing_rad)) if np.isfinite(range_m) else None
 
 
 @compiled

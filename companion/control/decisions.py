@@ -189,7 +189,7 @@ class Choice:
         """A way was not taken: none for a while."""
         self._next_plan_s = t_s + REFUSED_S
 
-    def is_blocked(self, target: Target, pose: Pose, t_s: float) -> None:
+    def block_way(self, target: Target, pose: Pose, t_s: float) -> None:
         """The straight to a target on the way cannot be flown: other ways are sought, after a while."""
         self._next_plan_s = t_s + BLOCKED_S
         to_go_m = math.hypot(target.x_m - pose.x_m, target.y_m - pose.y_m)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled
-from companion.control.known_ground import FREE, UNSEEN, WALL, KnownGround, WallFollowing, Window
+from companion.control.known_ground import FREE, UNSEEN, WALL, KnownGround, WallFollowing, Window, is_frontier
 
 NEAR_STEPS = 3
 """A goal is where there is room to fly within so many cells of ground from which the unseen begins."""
@@ -93,7 +93,7 @@ def find_ways(ground: KnownGround, x_m: float, y_m: float) -> Ways | None:
         room[row - 1 : row + 2, column - 1 : column + 2] = 0
     steps = _steps(window.cells, room, _frontier(window.cells, LEAST_CLUSTER))
     row, column = window.cell(x_m, y_m)
-    if len(_path(steps, room, row, column)) == 0:
+    if _nearest_known(steps, row, column)[0] < 0:
         steps = _steps(window.cells, room, _frontier(window.cells, 1))
     return Ways(window, room, steps)
 
@@ -118,19 +118,12 @@ def _room(cells: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 @compiled
 def _frontier(cells: NDArray[np.uint8], least: int) -> NDArray[np.bool_]:
-    """Free cells beside two unseen ones or more and beside no wall, where so many lie together."""
+    """The cells of frontiers in which so many lie together."""
     rows, columns = cells.shape
     at = np.zeros((rows, columns), np.bool_)
     for r in range(1, rows - 1):
         for c in range(1, columns - 1):
-            if cells[r, c] != FREE:
-                continue
-            unseen, wall = 0, 0
-            for dr in range(-1, 2):
-                for dc in range(-1, 2):
-                    unseen += cells[r + dr, c + dc] == UNSEEN
-                    wall += cells[r + dr, c + dc] == WALL
-            at[r, c] = unseen >= 2 and wall == 0
+            at[r, c] = is_frontier(cells, r, c)
     done = np.zeros((rows, columns), np.bool_)
     stack = np.empty((rows * columns, 2), np.int32)
     for r in range(1, rows - 1):

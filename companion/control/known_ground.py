@@ -220,6 +220,20 @@ def _see(cells: NDArray[np.uint8], x: float, y: float, yaw_rad: float, scan: Sca
 
 
 @compiled
+def is_frontier(cells: NDArray[np.uint8], row: int, column: int) -> bool:
+    """Whether a cell is free and beside two unseen ones or more; not at the border of the grid.
+
+    A chink between the points of a wall is no frontier: there a wall is beside the unseen.
+    """
+    unseen, wall = 0, 0
+    for r in range(row - 1, row + 2):
+        for c in range(column - 1, column + 2):
+            unseen += cells[r, c] == UNSEEN
+            wall += cells[r, c] == WALL
+    return bool(cells[row, column] == FREE and unseen >= 2 and wall == 0)
+
+
+@compiled
 def _steps_to_unseen(cells: NDArray[np.uint8]) -> NDArray[np.int32]:
     """Breadth-first search from every frontier through free cells; -1 where it does not come, 0 in unseen cells."""
     side = cells.shape[0]
@@ -230,17 +244,10 @@ def _steps_to_unseen(cells: NDArray[np.uint8]) -> NDArray[np.int32]:
         for column in range(1, side - 1):
             if cells[row, column] == UNSEEN:
                 steps[row, column] = 0
-            elif cells[row, column] == FREE:
-                unseen, wall = 0, 0
-                for dr in range(-1, 2):
-                    for dc in range(-1, 2):
-                        unseen += cells[row + dr, column + dc] == UNSEEN
-                        wall += cells[row + dr, column + dc] == WALL
-                # A chink between the points of a wall is no frontier: there a wall is beside the unseen.
-                if unseen >= 2 and wall == 0:
-                    steps[row, column] = 1
-                    queue[tail] = row * side + column
-                    tail += 1
+            elif is_frontier(cells, row, column):
+                steps[row, column] = 1
+                queue[tail] = row * side + column
+                tail += 1
     while head < tail:
         row, column = queue[head] // side, queue[head] % side
         head += 1

@@ -217,7 +217,7 @@ class Navigator:
         if target.is_reached(pose, self.parameters.target_radius_m):
             self._arrive(target, scan, pose, t_s)
         elif target.kind is TargetKind.KNOWN and self._is_blocked(measurement, scan, target, pose, t_s):
-            self._choice.is_blocked(target, pose, t_s)
+            self._choice.block_way(target, pose, t_s)
             self._enter(Mode.BOUNDARY, pose, t_s)
         elif self._progress.has_ended(target, pose, t_s):
             self._enter(Mode.CIRCLE, pose, t_s)
@@ -344,9 +344,7 @@ class Navigator:
             self._escape(scan, pose, t_s)
             return
         nearest = int(hits[np.argmin(scan.ranges_m[hits])])
-        self._extensions += 1
-        self._extended_s = t_s
-        self._gamma = self._either_side()
+        self._count_extension(t_s)
         room_m = float(scan.ranges_m[nearest]) - self.parameters.margin_m
         if room_m <= self.parameters.target_radius_m:
             self._enter(Mode.BOUNDARY, pose, t_s)
@@ -365,10 +363,14 @@ class Navigator:
         if length_m <= self.parameters.target_radius_m:
             self._enter(Mode.CIRCLE, pose, t_s)
             return
+        self._count_extension(t_s)
+        self._fly_to(bearing_rad, length_m, TargetKind.OPEN, pose, t_s)
+
+    def _count_extension(self, t_s: float) -> None:
+        """Whatever the law helps itself with begins with a side that is drawn."""
         self._extensions += 1
         self._extended_s = t_s
         self._gamma = self._either_side()
-        self._fly_to(bearing_rad, length_m, TargetKind.OPEN, pose, t_s)
 
     def _fly_to(self, bearing_rad: float, distance_m: float, kind: TargetKind, pose: Pose, t_s: float) -> None:
         x_m, y_m = world_point(pose, bearing_rad, distance_m)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from companion.cli.interruption import handled
 from companion.config.load import load, merge
 from companion.config.settings import Settings
 from sitl.launch.program import Ports, Program, Running
@@ -223,17 +224,11 @@ def run_to_its_end(command: Sequence[str]) -> int:
     Ctrl-C reaches it from the terminal, as it reaches all of them. SIGTERM and SIGHUP come to this process alone: they
     are handed on.
     """
-    with subprocess.Popen(command, env=environment()) as child:  # noqa: S603
-        before = {
-            number: signal.signal(number, lambda *_: child.send_signal(signal.SIGINT))
-            for number in (signal.SIGTERM, signal.SIGHUP)
-            if signal.getsignal(number) is not signal.SIG_IGN
-        }
-        try:
-            return child.wait()
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
+    with (
+        subprocess.Popen(command, env=environment()) as child,  # noqa: S603
+        handled((signal.SIGTERM, signal.SIGHUP), lambda *_: child.send_signal(signal.SIGINT)),
+    ):
+        return child.wait()
 
 
 def environment() -> dict[str, str]:

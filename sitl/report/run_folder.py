@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import shutil
 import tempfile
@@ -97,12 +98,28 @@ def write_run(folder: Path, simulation: Simulation, preset: str, config: Path | 
     writers["settings.yaml"] = lambda path: path.write_text(settings_yaml, encoding="utf-8")
     for format_ in OF_A_MISSION:
         writers[f"map.{format_}"] = lambda path: write_map_file(voxels, path)
-    data: list[ReportData] = []
-    writers["report.html"] = lambda path: write_report(path, _reported(simulation, summary, settings_yaml, data))
-    writers["overview.png"] = lambda path: path.write_bytes(
-        overview_png(_reported(simulation, summary, settings_yaml, data))
-    )
-    waiting = dict.fromkeys(writers, "not written yet")
+
+    @functools.cache
+    def reported() -> ReportData:
+        return ReportData(
+            title=f"{simulation.world.name}, seed {simulation.seed}, preset {preset}",
+            summary=summary,
+            vertices_m=simulation.world.vertices_m,
+            triangles=simulation.world.triangles,
+            flights=tuple(flight.log for flight in simulation.flights),
+            progress=np.array(simulation.progress, dtype=np.float64).reshape(-1, 2),
+            occupied_m=voxels.occupied(),
+            voxel_m=voxels.voxel_m,
+            missed_m=simulation.missed_m(),
+            margin_m=settings.control.margin_m,
+            critical_margin_m=settings.control.critical_margin_m,
+            height_m=settings.control.height_m,
+            settings_yaml=settings_yaml,
+        )
+
+    writers["report.html"] = lambda path: write_report(path, reported())
+    writers["overview.png"] = lambda path: path.write_bytes(overview_png(reported()))
+    waiting = list(writers)
     try:
         for name, write in writers.items():
             try:
@@ -112,7 +129,7 @@ def write_run(folder: Path, simulation: Simulation, preset: str, config: Path | 
                 if name != JOURNAL_NAME:
                     (folder / name).unlink(missing_ok=True)
                 unwritten[name] = str(error) or type(error).__name__
-            del waiting[name]
+            waiting.remove(name)
     except BaseException as error:
         unwritten.update(dict.fromkeys(waiting, "interrupted" if isinstance(error, KeyboardInterrupt) else repr(error)))
         raise
@@ -120,29 +137,3 @@ def write_run(folder: Path, simulation: Simulation, preset: str, config: Path | 
         with whole_file(folder / "summary.json") as file:
             file.write((json.dumps(summary, indent=2) + "\n").encode())
     return summary
-
-
-def _reported(
-    simulation: Simulation, summary: dict[str, object], settings_yaml: str, made: list[ReportData]
-) -> ReportData:
-    """What the report shows; made once, for page and picture."""
-    if not made:
-        settings, voxels = simulation.settings, simulation.merged_map()
-        made.append(
-            ReportData(
-                title=f"{simulation.world.name}, seed {simulation.seed}, preset {summary['preset']}",
-                summary=summary,
-                vertices_m=simulation.world.vertices_m,
-                triangles=simulation.world.triangles,
-                flights=tuple(flight.log for flight in simulation.flights),
-                progress=np.array(simulation.progress, dtype=np.float64).reshape(-1, 2),
-                occupied_m=voxels.occupied(),
-                voxel_m=voxels.voxel_m,
-                missed_m=simulation.missed_m(),
-                margin_m=settings.control.margin_m,
-                critical_margin_m=settings.control.critical_margin_m,
-                height_m=settings.control.height_m,
-                settings_yaml=settings_yaml,
-            )
-        )
-    return made[0]

@@ -64,7 +64,7 @@ def test_a_straight_that_the_scan_does_not_confirm_is_left(monkeypatch: pytest.M
     """Protects from known ground that is wrong: rock in the corridor ends it, a single bad image does not."""
     offered(monkeypatch)
     blocked: list[bool] = []
-    monkeypatch.setattr(Choice, "is_blocked", lambda *_: blocked.append(True))
+    monkeypatch.setattr(Choice, "block_way", lambda *_: blocked.append(True))
     facing = replace(ORIGIN, yaw_rad=math.atan2(2.0, 3.0))
     rock = scan_of(lambda b: 2.0 if abs(b) < 0.2 else math.inf)
     for times, ends in ((8, False), (13, True)):
@@ -99,7 +99,7 @@ def test_where_something_is_nearer_than_the_critical_margin_it_is_left(monkeypat
     """Protects d_c: under a low roof it stood 13 s with rock at 0.75 m beside, since its target came no nearer."""
     offered(monkeypatch, Way(12.0, -3.0, 0.0, -3.0, 0.0))
     blocked: list[bool] = []
-    monkeypatch.setattr(Choice, "is_blocked", lambda *_: blocked.append(True))
+    monkeypatch.setattr(Choice, "block_way", lambda *_: blocked.append(True))
     for d_m, ends in ((0.81, False), (0.78, True)):
         navigator = in_boundary(-1, choice="informed", rng=Fixed(0.99))
         navigator.step(beside(-1), ORIGIN, 0.0)

@@ -152,6 +152,7 @@ def test_the_warm_up_leaves_nothing_of_the_tick_to_compile() -> None:
         "companion.control.informed _cost",
         "companion.control.informed _nearest_known",
         "companion.control.known_ground _has_room",
+        "companion.control.known_ground is_frontier",
         "companion.perception.ground _go_on_as_beside",
         "companion.perception.ground _line_was_seen",
         "companion.perception.scan_memory _cell",

@@ -318,27 +318,29 @@ class TestWrongInput:
 class TestInterrupted:
     """Ctrl-C, and failures on the way."""
 
-    def test_ctrl_c_in_flight_keeps_what_is_mapped(self, tmp_path: Path) -> None:
-        """Protects an hour of flight: SIGINT to a real process ends with 130, and all files are whole, report too."""
-        (tmp_path / "quick.yaml").write_text(QUICK, encoding="utf-8")
-        command = [
-            *(sys.executable, "-c", COMPANION, "sim", "--world", "room", "--config", "quick.yaml", "--out", "flight"),
-            *("--time-limit", "3000"),
-        ]
+    def ended_in_flight(self, folder: Path, number: signal.Signals, *options: str) -> Done:
+        """A real process that was sent that signal while it flew: all is written, and the code is 130."""
+        command = [sys.executable, "-c", COMPANION, "sim", "--world", "room", "--out", "flight", *options]
         with subprocess.Popen(
-            command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         ) as process:
             assert process.stdout is not None
             for line in process.stdout:
                 if "times real time" in line:
-                    process.send_signal(signal.SIGINT)
+                    process.send_signal(number)
                     break
             out, err = process.communicate(timeout=60)
-        done = Done(process.returncode, out, err, tmp_path / "flight")
+        done = Done(process.returncode, out, err, folder / "flight")
         assert done.code == 130
         assert "Traceback" not in done.err
         assert done.files == FILES
         assert done.summary["ended_because"] == "stopped by the user"
+        return done
+
+    def test_ctrl_c_in_flight_keeps_what_is_mapped(self, tmp_path: Path) -> None:
+        """Protects an hour of flight: SIGINT to a real process ends with 130, and all files are whole, report too."""
+        (tmp_path / "quick.yaml").write_text(QUICK, encoding="utf-8")
+        done = self.ended_in_flight(tmp_path, signal.SIGINT, "--config", "quick.yaml", "--time-limit", "3000")
         assert left_in(tmp_path) == {"flight"}
         report = (done.folder / "report.html").read_text(encoding="utf-8").strip()
         assert report.lower().startswith("<!doctype html>")
@@ -366,21 +368,7 @@ class TestInterrupted:
     @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
     def test_a_supervisor_and_a_closed_terminal_are_ctrl_c(self, tmp_path: Path, number: signal.Signals) -> None:
         """Protects an hour of flight from a computer that shuts down: the map is written, and the code is 130."""
-        command = [sys.executable, "-c", COMPANION, "sim", "--world", "room", "--out", "flight"]
-        with subprocess.Popen(
-            command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        ) as process:
-            assert process.stdout is not None
-            for line in process.stdout:
-                if "times real time" in line:
-                    process.send_signal(number)
-                    break
-            out, err = process.communicate(timeout=60)
-        done = Done(process.returncode, out, err, tmp_path / "flight")
-        assert done.code == 130
-        assert "Traceback" not in done.err
-        assert done.files == FILES
-        assert done.summary["ended_because"] == "stopped by the user"
+        self.ended_in_flight(tmp_path, number)
 
 
 class TestWhatCannotBeWritten:
