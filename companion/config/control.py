@@ -19,7 +19,9 @@ class ControlSettings(Section, Parameters):
 
     governor: GovernorSettings = Field(GovernorSettings(), description="the speed governor")
     allow_turning_radius_above_margin: bool = Field(
-        False, description="accept d_s <= v/u_M, which breaks Assumption 2.2 of the paper (Table I does)"
+        False,
+        description="with speed_law: paper, accept d_s <= v/u_M, which breaks Assumption 2.2 of the paper (Table I "
+        "does); the governor keeps it by v(t), whatever v_c is",
     )
 
     @property
@@ -45,12 +47,15 @@ class ControlSettings(Section, Parameters):
                 "control.closing_saturation_m",
                 "control.speed_mps",
             )
-        if self.turning_radius_m >= self.margin_m and not self.allow_turning_radius_above_margin:
+        # The governor lowers v(t) to what can be turned in the room that is there: so it keeps the assumption itself.
+        turns_anyhow = self.speed_law == "governor" or self.allow_turning_radius_above_margin
+        if self.turning_radius_m >= self.margin_m and not turns_anyhow:
             raise refuse(
                 f"control.margin_m = {self.margin_m:g} m (d_s) must be greater than control.speed_mps / "
                 f"control.max_yaw_rate_radps = {self.speed_mps:g} / {self.max_yaw_rate_radps:g} = "
                 f"{self.turning_radius_m:.3g} m (v_M/u_M), Assumption 2.2 of the paper: fly slower, turn faster, "
-                "or set control.allow_turning_radius_above_margin: true",
+                "let the speed be governed (control.speed_law: governor), or set "
+                "control.allow_turning_radius_above_margin: true",
                 "control.margin_m",
                 "control.speed_mps",
                 "control.max_yaw_rate_radps",

@@ -14,7 +14,7 @@ class TestLayers:
     """Defaults < preset < file."""
 
     def test_presets_that_ship(self) -> None:
-        assert preset_names() == ("flight", "table_i", "table_ii")
+        assert preset_names() == ("flight", "swift", "table_i", "table_ii")
 
     @pytest.mark.parametrize("preset", preset_names())
     def test_every_preset_loads(self, preset: str) -> None:
@@ -140,9 +140,9 @@ class TestValues:
         assert line.startswith('vehicle.yaml:5: sensors.beams.directions.1: not usable: value "frnt", expected ')
 
     def test_unknown_preset(self, write: Write) -> None:
-        assert refusal(None, "fligt") == ['no preset is called "fligt"; known: flight, table_i, table_ii']
+        assert refusal(None, "fligt") == ['no preset is called "fligt"; known: flight, swift, table_i, table_ii']
         (line,) = refusal(write("control:\npreset: [x]\n"))
-        assert line == 'vehicle.yaml:2: preset: no preset is called ["x"]; known: flight, table_i, table_ii'
+        assert line == 'vehicle.yaml:2: preset: no preset is called ["x"]; known: flight, swift, table_i, table_ii'
 
     def test_everything_at_once_in_the_order_of_the_lines(self, write: Write) -> None:
         lines = refusal(
@@ -176,6 +176,8 @@ class TestRules:
         assert line.startswith("preset table_i: control.margin_m = 1 m (d_s) must be greater than ")
         assert "Assumption 2.2" in line
         assert load_settings(write(text.replace("false", "true"))).control.turning_radius_m > 1.0
+        # What is governed turns in the room that there is.
+        assert load_settings(write(text + "  speed_law: governor\n")).control.turning_radius_m > 1.0
 
     def test_rule_between_sections(self, write: Write) -> None:
         (line,) = refusal(write("vehicle:\n  body_radius_m: 0.8\n"))

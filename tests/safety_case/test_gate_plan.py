@@ -94,7 +94,7 @@ class TestRefusal:
 
     @pytest.mark.parametrize("level", ["normal", "cautious"])
     def test_what_we_fly_passes(self, level: str) -> None:
-        for preset in ("flight", "table_ii"):
+        for preset in ("flight", "swift", "table_ii"):
             settings = load_settings(preset=preset)
             flown = Settings.model_validate(settings.model_dump() | {"safety": {"level": level}})
             refuse_if_reachable(flown)
@@ -106,7 +106,7 @@ class TestRefusal:
         assert "control.speed_law: paper" in str(caught.value)
 
     def test_faster_is_refused_with_fault_values_and_what_to_change(self) -> None:
-        said = refused({"control": {"speed_mps": 1.0, "allow_turning_radius_above_margin": True}})
+        said = refused({"control": {"speed_mps": 1.0}})
         assert "gate killed: " in said
         assert "autopilot.silence_s = 0.5" in said
         for key in ("control.speed_mps = 1", "safety.limits.speed_mps", "control.critical_margin_m = 0.8"):

@@ -48,7 +48,7 @@ def test_the_flights_of_the_fault_matrix_pass(tmp_path: Path) -> None:
         assert braking(settings).ok, fault.name
 
 
-@pytest.mark.parametrize("preset", ["flight", "table_ii"])
+@pytest.mark.parametrize("preset", ["flight", "swift", "table_ii"])
 def test_no_fault_ends_near_a_wall(preset: str) -> None:
     """Protects whoever flies a preset: four centimetres were once called safe, and a creep of ten was not counted."""
     left_m = {line.fault: line.remaining_m for line in stopping_lines(load(None, preset).settings) if line.stops}
