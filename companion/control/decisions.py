@@ -6,14 +6,14 @@ With the paper's probability p, or with a preference for ground that has not bee
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from companion.control.edges import Edge
-from companion.control.informed import Way, Ways, find_ways
-from companion.control.known_ground import KnownGround, WallFollowing
+from companion.control.informed import WallFollowing, Way, find_ways
+from companion.control.known_ground import KnownGround, Place
 from companion.control.parameters import Parameters
 from companion.control.target import Target, world_point
-from companion.model import Pose, Scan, wrap_rad
+from companion.model import Measurement, Pose, wrap_rad
 
 LAP_M = 8.0
 """A closed boundary is longer than this: shorter ones are turns on the spot, which have a rule of their own."""
@@ -128,15 +128,17 @@ class Choice:
     def __init__(self, parameters: Parameters, ground: KnownGround) -> None:
         self._parameters = parameters
         self._ground = ground
+        self._h_m: float | None = None
         self._next_look_s = -math.inf
         self._next_plan_s = -math.inf
         self._next_revival_s = -math.inf
 
-    def see(self, scan: Scan, pose: Pose, t_s: float) -> None:
-        """Note what has been seen, twice a second: that is every quarter of a metre."""
-        if self._parameters.choice != "coin" and t_s >= self._next_look_s:
-            self._next_look_s = t_s + LOOK_PERIOD_S
-            self._ground.see(scan, pose)
+    def see(self, measurement: Measurement, pose: Pose) -> None:
+        """Note what has been seen, twice a second: that is every quarter of a metre at 0.5 m/s."""
+        self._h_m = measurement.h_m
+        if self._parameters.choice != "coin" and measurement.t_s >= self._next_look_s:
+            self._next_look_s = measurement.t_s + LOOK_PERIOD_S
+            self._ground.see(measurement, pose)
 
     def better_way(self, gamma: int, pose: Pose, t_s: float) -> Way | None:
         """A way over known ground to the unseen that is shorter than following on; None where there is none.
@@ -149,8 +151,9 @@ class Choice:
         if self._parameters.choice != "informed" or t_s < self._next_plan_s:
             return None
         self._next_plan_s = t_s + PLAN_PERIOD_S
-        ways = find_ways(self._ground, pose.x_m, pose.y_m)
-        way = None if ways is None else ways.way(pose.x_m, pose.y_m, pose.yaw_rad)
+        here = self._place(pose)
+        ways = find_ways(self._ground, here)
+        way = None if ways is None else ways.way(here, pose.yaw_rad)
         if ways is None or way is None:
             # Nothing else is left: what was given up may be tried from elsewhere.
             if t_s >= self._next_revival_s:
@@ -158,7 +161,7 @@ class Choice:
                 self._ground.take_up_again()
             self.refuse(t_s)
             return None
-        onward_m = ways.along_m(WallFollowing(pose.x_m, pose.y_m, pose.yaw_rad, gamma))
+        onward_m = ways.along_m(WallFollowing(here, pose.yaw_rad, gamma))
         if onward_m <= way.length_m + SAME_WAY_M:
             return None
         return way
@@ -168,21 +171,23 @@ class Choice:
 
         There what is still unseen is given up.
         """
-        ways = find_ways(self._ground, pose.x_m, pose.y_m)
-        way = None if ways is None else ways.way(pose.x_m, pose.y_m, pose.yaw_rad)
+        here = self._place(pose)
+        ways = find_ways(self._ground, here)
+        way = None if ways is None else ways.way(here, pose.yaw_rad)
         if way is None:
             return None
-        if math.hypot(way.goal_x_m - pose.x_m, way.goal_y_m - pose.y_m) > THERE_M:
+        if math.hypot(way.goal.x_m - pose.x_m, way.goal.y_m - pose.y_m) > THERE_M:
             return way
-        self._ground.give_up(way.goal_x_m, way.goal_y_m, GIVEN_UP_M)
+        self._ground.give_up(way.goal, GIVEN_UP_M)
         return None
 
     def side(self, pose: Pose) -> int:
         """Γ of the boundary that leads to the unseen sooner; 0 when neither does."""
-        ways = find_ways(self._ground, pose.x_m, pose.y_m)
+        here = self._place(pose)
+        ways = find_ways(self._ground, here)
         if ways is None:
             return 0
-        right_m, left_m = (ways.along_m(WallFollowing(pose.x_m, pose.y_m, pose.yaw_rad, gamma)) for gamma in (-1, 1))
+        right_m, left_m = (ways.along_m(WallFollowing(here, pose.yaw_rad, gamma)) for gamma in (-1, 1))
         return (right_m > left_m) - (right_m < left_m)
 
     def refuse(self, t_s: float) -> None:
@@ -194,7 +199,8 @@ class Choice:
         self._next_plan_s = t_s + BLOCKED_S
         to_go_m = math.hypot(target.x_m - pose.x_m, target.y_m - pose.y_m)
         at = min(1.0, BLOCKED_M / to_go_m) if to_go_m > 0.0 else 1.0
-        self._ground.block(pose.x_m + at * (target.x_m - pose.x_m), pose.y_m + at * (target.y_m - pose.y_m))
+        x_m, y_m = pose.x_m + at * (target.x_m - pose.x_m), pose.y_m + at * (target.y_m - pose.y_m)
+        self._ground.block(replace(self._place(pose), x_m=x_m, y_m=y_m))
 
     def after_lap(self) -> float:
         """A lap without a tangent taken has nothing new ahead: p, or with frontier the most that p_min leaves."""
@@ -220,13 +226,14 @@ class Choice:
 
     def _ways_m(self, edge: Edge, gamma: int, pose: Pose) -> tuple[float, float]:
         """How far the unseen is along a tangent, and along the boundary."""
-        x_m, y_m = world_point(pose, edge.target_bearing_rad, edge.target_range_m)
-        tangent = WallFollowing(x_m, y_m, pose.yaw_rad + edge.target_bearing_rad, edge.gamma)
-        boundary = WallFollowing(pose.x_m, pose.y_m, pose.yaw_rad, gamma)
-        if self._parameters.choice == "frontier":
-            by_tangent_m, by_boundary_m = self._ground.way_to_unseen_m((pose.x_m, pose.y_m), (tangent, boundary))
-            return by_tangent_m, by_boundary_m
-        ways: Ways | None = find_ways(self._ground, pose.x_m, pose.y_m)
+        here = self._place(pose)
+        ways = find_ways(self._ground, here)
         if ways is None:
             return math.inf, math.inf
+        x_m, y_m = world_point(pose, edge.target_bearing_rad, edge.target_range_m)
+        tangent = WallFollowing(replace(here, x_m=x_m, y_m=y_m), pose.yaw_rad + edge.target_bearing_rad, edge.gamma)
+        boundary = WallFollowing(here, pose.yaw_rad, gamma)
         return edge.target_range_m + ways.along_m(tangent), ways.along_m(boundary)
+
+    def _place(self, pose: Pose) -> Place:
+        return Place.under(pose, self._h_m)

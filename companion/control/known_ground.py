@@ -1,4 +1,4 @@
-"""What of the mine's plan has been seen, and how far it is from anywhere to what has not.
+"""What of the mine's plan has been seen.
 
 This is what makes the choice at a tangent better than a fixed coin. The theorem of the paper needs both outcomes of
 every draw to stay possible, not the coin to be fixed: whatever chooses must keep each probability within
@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled
-from companion.model import HIT, UNKNOWN, Pose, Scan
+from companion.control.ground_grid import FREE, GIVEN_UP, MOST_LEVELS, UNSEEN, WALL, GroundGrid, enter, level_at
+from companion.model import HIT, UNKNOWN, Measurement, Pose, Scan
 
 CELL_M = 0.5
 """Size of a cell: a fraction of any drift that a vehicle fits through, and few enough cells for a search in a tick."""
@@ -34,28 +34,30 @@ SEARCH_CELLS = 384
 """Side of the window about the vehicle in which ways are searched, in cells: 192 m, about two milliseconds. Beyond it
 everything counts as seen, so that the nearer unseen ground decides."""
 
-FOLLOW_CELLS = 240
-"""How far a wall is followed in thought, in cells: 120 m, once round a large pillar."""
-
 MOST_BLOCKED = 256
 """Places through which no way leads, the newest."""
 
-DETOUR = 3.0
-"""Ground that a followed wall passes at a distance counts this much further than that distance: to get there another
-tangent must come and be taken."""
-
-UNSEEN, FREE, WALL, GIVEN_UP = np.uint8(0), np.uint8(1), np.uint8(2), np.uint8(3)
-"""What is known of a cell; what could not be seen from where it was looked for is given up."""
+HIGHEST_M = 3000.0
+"""Above and below the origin of the flight: heights are kept as 16 bits of decimetres."""
 
 
 @dataclass(frozen=True, slots=True)
-class WallFollowing:
-    """Where the vehicle would begin to follow a wall, heading where, with the wall on which side (Γ)."""
+class Place:
+    """A point of the plan, and the height of the ground there."""
 
     x_m: float
     y_m: float
-    direction_rad: float
-    gamma: int
+    ground_m: float
+
+    @classmethod
+    def under(cls, pose: Pose, h_m: float | None) -> Place:
+        """The ground below a vehicle; where h is not known, as if it flew at its own height."""
+        return cls(pose.x_m, pose.y_m, pose.z_m - (0.0 if h_m is None else h_m))
+
+    @property
+    def ground_dm(self) -> int:
+        """The height as the grid has it."""
+        return round(10.0 * min(max(self.ground_m, -HIGHEST_M), HIGHEST_M))
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,29 +65,30 @@ class Window:
     """A part of the grid.
 
     Attributes:
-        cells: (rows, columns), rows along y.
-        blocked: (k, 2) rows and columns through which no way leads, whatever is seen there.
+        grid: of it.
+        blocked: (k, 3) rows, columns and heights in dm through which no way leads, whatever is seen there.
         x_m, y_m: of its low corner.
         cell_m: side of a cell.
     """
 
-    cells: NDArray[np.uint8]
+    grid: GroundGrid
     blocked: NDArray[np.int64]
     x_m: float
     y_m: float
     cell_m: float
 
-    def cell(self, x_m: float, y_m: float) -> tuple[int, int]:
+    def cell(self, place: Place) -> tuple[int, int]:
         """Row and column of a point."""
-        return math.floor((y_m - self.y_m) / self.cell_m), math.floor((x_m - self.x_m) / self.cell_m)
+        return math.floor((place.y_m - self.y_m) / self.cell_m), math.floor((place.x_m - self.x_m) / self.cell_m)
 
-    def middle(self, row: int, column: int) -> tuple[float, float]:
-        """The point x, y in the middle of a cell."""
-        return self.x_m + (column + 0.5) * self.cell_m, self.y_m + (row + 0.5) * self.cell_m
+    def middle(self, level: int, row: int, column: int) -> Place:
+        """The point in the middle of a cell."""
+        x_m, y_m = self.x_m + (column + 0.5) * self.cell_m, self.y_m + (row + 0.5) * self.cell_m
+        return Place(x_m, y_m, float(self.grid.ground_dm[level, row, column]) / 10.0)
 
 
 class KnownGround:
-    """A plan grid of unseen, free and wall cells about the place where the flight began.
+    """A grid of unseen, free and wall cells about the place where the flight began, by levels.
 
     Args:
         seen_from_m: nearer, floor and roof are not in the picture.
@@ -93,81 +96,72 @@ class KnownGround:
 
     def __init__(self, seen_from_m: float = SEEN_FROM_M) -> None:
         self._seen_from_m = min(seen_from_m, LOOK_M - CELL_M)
-        self._cells = np.zeros((FIRST_CELLS, FIRST_CELLS), np.uint8)
+        self._grid = GroundGrid.unseen(FIRST_CELLS, FIRST_CELLS)
         self._origin: tuple[float, float] | None = None
-        self._blocked_m: deque[tuple[float, float]] = deque(maxlen=MOST_BLOCKED)
+        self._blocked: deque[Place] = deque(maxlen=MOST_BLOCKED)
 
-    def see(self, scan: Scan, pose: Pose) -> None:
-        """Enter what is in view: free along each bearing, a wall where it is HIT."""
+    def see(self, measurement: Measurement, pose: Pose) -> None:
+        """Enter what is in view: free along each bearing, a wall where it is HIT, at the height of the ground there."""
+        scan = measurement.scan
+        if scan is None:
+            return
         if self._origin is None:
             half_m = FIRST_CELLS * CELL_M / 2.0
             self._origin = (pose.x_m - half_m, pose.y_m - half_m)
         while not self._holds(pose) and self._grow():
             pass
-        _see(
-            self._cells,
+        below = Place.under(pose, measurement.h_m)
+        had_room = _see(
+            self._grid,
             (pose.x_m - self._origin[0]) / CELL_M,
             (pose.y_m - self._origin[1]) / CELL_M,
             pose.yaw_rad,
             scan,
             self._seen_from_m,
+            below.ground_dm,
+            measurement.ground_slope or 0.0,
         )
+        if not had_room and len(self._grid.cells) < MOST_LEVELS:
+            # What had no room is entered with the next look.
+            self._grid = self._grid.with_level()
 
     def window(self, x_m: float, y_m: float) -> Window | None:
         """A copy of the part about a place in which ways are searched; None before anything has been seen."""
         if self._origin is None:
             return None
-        side = len(self._cells)
+        side = self._side
         size = min(side, SEARCH_CELLS)
         column, row = self._cell(x_m, y_m)
         left = min(max(column - size // 2, 0), side - size)
         low = min(max(row - size // 2, 0), side - size)
-        cells = self._cells[low : low + size, left : left + size].copy()
+        part = self._grid.part(slice(low, low + size), slice(left, left + size))
         low_x_m, low_y_m = self._origin[0] + left * CELL_M, self._origin[1] + low * CELL_M
-        places_m = np.array(self._blocked_m).reshape(-1, 2)
-        blocked = np.floor((places_m[:, ::-1] - [low_y_m, low_x_m]) / CELL_M).astype(np.int64)
-        inside = np.all((blocked >= 1) & (blocked < size - 1), axis=1)
-        return Window(cells, blocked[inside], low_x_m, low_y_m, CELL_M)
+        window = Window(
+            GroundGrid(part.cells.copy(), part.ground_dm.copy()), np.empty((0, 3), np.int64), low_x_m, low_y_m, CELL_M
+        )
+        blocked = np.array([(*window.cell(place), place.ground_dm) for place in self._blocked], np.int64).reshape(-1, 3)
+        inside = np.all((blocked[:, :2] >= 1) & (blocked[:, :2] < size - 1), axis=1)
+        return Window(window.grid, blocked[inside], low_x_m, low_y_m, CELL_M)
 
-    def block(self, x_m: float, y_m: float) -> None:
+    def block(self, place: Place) -> None:
         """No way leads through the cells about this place any more."""
-        self._blocked_m.append((x_m, y_m))
+        self._blocked.append(place)
 
-    def give_up(self, x_m: float, y_m: float, radius_m: float) -> None:
+    def give_up(self, place: Place, radius_m: float) -> None:
         """What is unseen about that place attracts nobody any more; if it is seen after all, it is free."""
         if self._origin is None:
             return
-        column, row = self._cell(x_m, y_m)
-        reach = math.ceil(radius_m / CELL_M)
-        part = self._cells[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
-        part[part == UNSEEN] = GIVEN_UP
+        column, row = self._cell(place.x_m, place.y_m)
+        _give_up(self._grid, row, column, math.ceil(radius_m / CELL_M), place.ground_dm)
 
     def take_up_again(self) -> None:
         """What was given up attracts again, and what was blocked may be tried again."""
-        self._cells[self._cells == GIVEN_UP] = UNSEEN
-        self._blocked_m.clear()
+        self._grid.cells[self._grid.cells == GIVEN_UP] = UNSEEN
+        self._blocked.clear()
 
-    def way_to_unseen_m(self, from_m: tuple[float, float], starts: Sequence[WallFollowing]) -> list[float]:
-        """Length of the way from a point to unseen ground, for each of several walls that it may go and follow.
-
-        The wall is followed in thought on the grid, with the hand on it, until unseen ground is reached; ground that is
-        only passed by counts as far as a detour to it. inf when there is none.
-
-        Args:
-            from_m: x and y of the vehicle.
-            starts: where each following begins; the straight way there counts too.
-        """
-        window = self.window(*from_m)
-        if window is None:
-            return [math.inf for _ in starts]
-        steps = _steps_to_unseen(window.cells)
-        ways = []
-        for start in starts:
-            r, c = window.cell(start.x_m, start.y_m)
-            onward = _follow(window.cells, steps, r, c, start.direction_rad, start.gamma, FOLLOW_CELLS)
-            there_m = abs(start.x_m - from_m[0]) + abs(start.y_m - from_m[1])
-            ways.append(there_m + onward * CELL_M)
-        return ways
+    @property
+    def _side(self) -> int:
+        return int(self._grid.cells.shape[1])
 
     def _cell(self, x_m: float, y_m: float) -> tuple[int, int]:
         """Column and row of a point."""
@@ -176,7 +170,7 @@ class KnownGround:
 
     def _holds(self, pose: Pose) -> bool:
         assert self._origin is not None  # noqa: S101 - set by the first look
-        side_m = len(self._cells) * CELL_M
+        side_m = self._side * CELL_M
         border_m = LOOK_M + 1.0
         x, y = pose.x_m - self._origin[0], pose.y_m - self._origin[1]
         return border_m < x < side_m - border_m and border_m < y < side_m - border_m
@@ -184,134 +178,60 @@ class KnownGround:
     def _grow(self) -> bool:
         """Double the grid about its centre; False when it is as large as it may be."""
         assert self._origin is not None  # noqa: S101 - set by the first look
-        side = len(self._cells)
+        side = self._side
         if side >= MOST_CELLS:
             return False
-        larger = np.zeros((2 * side, 2 * side), np.uint8)
-        larger[side // 2 : side // 2 + side, side // 2 : side // 2 + side] = self._cells
-        self._cells = larger
+        self._grid = self._grid.grown()
         self._origin = (self._origin[0] - side / 2 * CELL_M, self._origin[1] - side / 2 * CELL_M)
         return True
 
 
 @compiled
-def _see(cells: NDArray[np.uint8], x: float, y: float, yaw_rad: float, scan: Scan, seen_from_m: float) -> None:
-    """Enter a scan made at a place that is given in cells."""
+def _give_up(grid: GroundGrid, row: int, column: int, reach: int, ground_dm: int) -> None:
+    """What is unseen at that height in a cell and so many around it is given up."""
+    side = grid.cells.shape[1]
+    for r in range(max(row - reach, 0), min(row + reach + 1, side)):
+        for c in range(max(column - reach, 0), min(column + reach + 1, side)):
+            if level_at(grid, r, c, ground_dm) < 0:
+                enter(grid, r, c, ground_dm, GIVEN_UP)
+
+
+@compiled
+def _see(
+    grid: GroundGrid,
+    x: float,
+    y: float,
+    yaw_rad: float,
+    scan: Scan,
+    seen_from_m: float,
+    ground_dm: int,
+    slope: float,
+) -> bool:
+    """Enter a scan made at a place that is given in cells, above ground that rises ahead by the slope.
+
+    Returns:
+        whether the grid had a level for all of it.
+    """
     look_from, look = seen_from_m / CELL_M, LOOK_M / CELL_M
-    side = cells.shape[0]
+    side = grid.cells.shape[1]
+    had_room = True
     for i in range(scan.bearings_rad.size):
         if scan.state[i] == UNKNOWN or not scan.fresh[i]:
             continue
         wall, range_cells = scan.state[i] == HIT, scan.ranges_m[i] / CELL_M
         dx = np.cos(yaw_rad + scan.bearings_rad[i])
         dy = np.sin(yaw_rad + scan.bearings_rad[i])
+        rise_dm = 10.0 * CELL_M * slope * np.cos(scan.bearings_rad[i])
         # Free up to half a cell before the obstacle, so that the cell of a wall does not become free at a slant.
         free = min(range_cells - 0.5, look) if wall else min(range_cells, look)
         distance = look_from
         while distance <= free:
             column, row = int(np.floor(x + distance * dx)), int(np.floor(y + distance * dy))
-            if 0 <= row < side and 0 <= column < side and cells[row, column] in (UNSEEN, GIVEN_UP):
-                cells[row, column] = FREE
+            if 0 <= row < side and 0 <= column < side:
+                had_room &= enter(grid, row, column, int(ground_dm + distance * rise_dm), FREE)
             distance += 0.5
         if wall and range_cells <= look:
             column, row = int(np.floor(x + range_cells * dx)), int(np.floor(y + range_cells * dy))
             if 0 <= row < side and 0 <= column < side:
-                cells[row, column] = WALL
-
-
-@compiled
-def is_frontier(cells: NDArray[np.uint8], row: int, column: int) -> bool:
-    """Whether a cell is free and beside two unseen ones or more; not at the border of the grid.
-
-    A chink between the points of a wall is no frontier: there a wall is beside the unseen.
-    """
-    unseen, wall = 0, 0
-    for r in range(row - 1, row + 2):
-        for c in range(column - 1, column + 2):
-            unseen += cells[r, c] == UNSEEN
-            wall += cells[r, c] == WALL
-    return bool(cells[row, column] == FREE and unseen >= 2 and wall == 0)
-
-
-@compiled
-def _steps_to_unseen(cells: NDArray[np.uint8]) -> NDArray[np.int32]:
-    """Breadth-first search from every frontier through free cells; -1 where it does not come, 0 in unseen cells."""
-    side = cells.shape[0]
-    steps = np.full((side, side), -1, np.int32)
-    queue = np.empty(side * side, np.int32)
-    head, tail = 0, 0
-    for row in range(1, side - 1):
-        for column in range(1, side - 1):
-            if cells[row, column] == UNSEEN:
-                steps[row, column] = 0
-            elif is_frontier(cells, row, column):
-                steps[row, column] = 1
-                queue[tail] = row * side + column
-                tail += 1
-    while head < tail:
-        row, column = queue[head] // side, queue[head] % side
-        head += 1
-        for k in range(4):
-            r = row + (k == 0) - (k == 1)
-            c = column + (k == 2) - (k == 3)
-            if 0 < r < side - 1 and 0 < c < side - 1 and cells[r, c] == FREE and steps[r, c] < 0:
-                steps[r, c] = steps[row, column] + 1
-                queue[tail] = r * side + c
-                tail += 1
-    return steps
-
-
-@compiled
-def _has_room(cells: NDArray[np.uint8], row: int, column: int) -> bool:
-    """Whether a cell may be flown through: not a wall, nor beside one; unseen ground may."""
-    side = cells.shape[0]
-    if not (0 < row < side - 1 and 0 < column < side - 1):
-        return False
-    for r in range(row - 1, row + 2):
-        for c in range(column - 1, column + 2):
-            if cells[r, c] == WALL:
-                return False
-    return True
-
-
-@compiled
-def _follow(
-    cells: NDArray[np.uint8],
-    steps: NDArray[np.int32],
-    row: int,
-    column: int,
-    direction_rad: float,
-    gamma: int,
-    most: int,
-) -> float:
-    """Steps along a wall, hand on it, to unseen ground: the rule of the maze, toward the wall whenever that is open."""
-    side = cells.shape[0]
-    row_step, column_step = (0, 1, 0, -1), (1, 0, -1, 0)
-    # Quarter turns counter-clockwise, 0 along x: rows grow with y.
-    heading = int(np.floor(direction_rad / (np.pi / 2.0) + 0.5)) % 4
-    for k in range(4):
-        # The grid is coarse: begin at the wall, not beside it.
-        r = row + row_step[(heading + gamma) % 4] * k
-        c = column + column_step[(heading + gamma) % 4] * k
-        if not _has_room(cells, r + row_step[(heading + gamma) % 4], c + column_step[(heading + gamma) % 4]):
-            row, column = r, c
-            break
-    best = np.inf
-    for k in range(most):
-        if not (0 <= row < side and 0 <= column < side):
-            break
-        if steps[row, column] >= 0:
-            best = min(best, k + DETOUR * steps[row, column])
-            if steps[row, column] <= 1:
-                break
-        turned = False
-        for turn in (gamma, 0, -gamma, 2):
-            towards = (heading + turn) % 4
-            if _has_room(cells, row + row_step[towards], column + column_step[towards]):
-                heading = towards
-                row, column = row + row_step[towards], column + column_step[towards]
-                turned = True
-                break
-        if not turned:
-            break
-    return best
+                had_room &= enter(grid, row, column, int(ground_dm + range_cells * rise_dm), WALL)
+    return had_room

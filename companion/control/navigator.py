@@ -137,7 +137,7 @@ class Navigator:
             return self._ramp.limit(Setpoint(t_s, forward_mps, climb, 0.0, left_mps))
         self._trail.note(pose)
         self._count_turning(pose)
-        self._choice.see(scan, pose, t_s)
+        self._choice.see(measurement, pose)
         if self._mode is Mode.CIRCLE:
             self._leave_circle(scan, pose, t_s)
         elif self._mode is Mode.TANGENT:
@@ -298,15 +298,16 @@ class Navigator:
         return True
 
     def _go(self, way: Way, pose: Pose, t_s: float) -> None:
-        distance_m = math.hypot(way.x_m - pose.x_m, way.y_m - pose.y_m)
-        bearing_rad = math.atan2(way.y_m - pose.y_m, way.x_m - pose.x_m) - pose.yaw_rad
-        self._fly_to(bearing_rad, distance_m, TargetKind.KNOWN, pose, t_s)
+        self._pursue_point(way.straight.x_m, way.straight.y_m, TargetKind.KNOWN, pose, t_s)
 
     def _arrive(self, target: Target, scan: Scan, pose: Pose, t_s: float) -> None:
         """At T_m the boundary is followed; at the end of a straight over known ground the next one is flown."""
         if target.kind is TargetKind.KNOWN:
             way = self._choice.onward(pose)
-            if way is not None and math.hypot(way.x_m - pose.x_m, way.y_m - pose.y_m) > self.parameters.margin_m:
+            if (
+                way is not None
+                and math.hypot(way.straight.x_m - pose.x_m, way.straight.y_m - pose.y_m) > self.parameters.margin_m
+            ):
                 self._go(way, pose, t_s)
                 return
             self._gamma = self._choice.side(pose) or self._gamma
@@ -373,7 +374,9 @@ class Navigator:
         self._gamma = self._either_side()
 
     def _fly_to(self, bearing_rad: float, distance_m: float, kind: TargetKind, pose: Pose, t_s: float) -> None:
-        x_m, y_m = world_point(pose, bearing_rad, distance_m)
+        self._pursue_point(*world_point(pose, bearing_rad, distance_m), kind, pose, t_s)
+
+    def _pursue_point(self, x_m: float, y_m: float, kind: TargetKind, pose: Pose, t_s: float) -> None:
         self._target = Target(x_m, y_m, pose.x_m, pose.y_m, kind)
         self._progress.begin(self._target, t_s)
         self._confirmed_s = t_s

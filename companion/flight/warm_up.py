@@ -20,15 +20,25 @@ from numpy.typing import NDArray
 from companion.config.load import load_settings
 from companion.config.settings import Settings
 from companion.control.edges import Edge, corridor_is_free, lies_along_boundary, open_direction
-from companion.control.informed import find_ways
-from companion.control.known_ground import KnownGround, WallFollowing
+from companion.control.informed import WallFollowing, find_ways
+from companion.control.known_ground import KnownGround, Place
 from companion.geometry import pixel_tangents, rotation
 from companion.mapping import VoxelMap
 from companion.mapping.files import write_map
 from companion.mapping.frontiers.frontier import Reach
 from companion.mapping.frontiers.surveyor import survey
 from companion.mapping.process.server import compile_ahead
-from companion.model import BEAM_AXES, Camera, DepthFrame, Observation, Pose, RangeReading, Scan, Setpoint, wrap_rad
+from companion.model import (
+    BEAM_AXES,
+    Camera,
+    DepthFrame,
+    Measurement,
+    Observation,
+    Pose,
+    RangeReading,
+    Setpoint,
+    wrap_rad,
+)
 from companion.pipeline import Explorer
 
 FLIGHT_S = 150.0
@@ -134,14 +144,17 @@ def fly(settings: Settings, flight_s: float) -> tuple[VoxelMap, Floats]:
         if frame is not None:
             voxels.integrate(frame)
             flown.append(place(pose))
-        if tick == 0 and steering.measurement.scan is not None:
-            _decide(steering.measurement.scan, pose, settings)
+        if tick == 0:
+            _decide(steering.measurement, pose, settings)
         pose = moved(pose, steering.setpoint, period_s)
     return voxels, np.array(flown)
 
 
-def _decide(scan: Scan, pose: Pose, settings: Settings) -> None:
+def _decide(measurement: Measurement, pose: Pose, settings: Settings) -> None:
     """What the law asks at tangents and in dead ends: whether a short flight meets any is left to chance."""
+    scan = measurement.scan
+    if scan is None:
+        return
     margin_m, critical_margin_m = settings.control.margin_m, settings.control.critical_margin_m
     edge = Edge(0.1, 4.0, 0.3, 4.1, -1)
     corridor_is_free(scan, edge.target_bearing_rad, edge.target_range_m, margin_m)
@@ -149,12 +162,14 @@ def _decide(scan: Scan, pose: Pose, settings: Settings) -> None:
     open_direction(scan, critical_margin_m)
     ground = KnownGround()
     for x_m in (-8.0, -6.0, -4.0, -2.0):
-        ground.see(scan, replace(pose, x_m=x_m))
-    ways = find_ways(ground, -4.0, 0.0)
+        ground.see(measurement, replace(pose, x_m=x_m))
+    here = Place(-4.0, 0.0, 0.0)
+    ground.block(here)
+    ground.give_up(here, 1.0)
+    ways = find_ways(ground, here)
     if ways is not None:
-        ways.way(-4.0, 0.0, 0.0)
-        ways.along_m(WallFollowing(-4.0, 0.0, 0.0, 1))
-    ground.way_to_unseen_m((pose.x_m, pose.y_m), (WallFollowing(pose.x_m, pose.y_m, 0.0, 1),) * 2)
+        ways.way(here, 0.0)
+        ways.along_m(WallFollowing(here, 0.0, 1))
 
 
 def warm_up(settings: Settings) -> None:

@@ -1,8 +1,9 @@
-"""The plan grid that tells the way to unseen ground: it only weighs a choice, but it has to weigh it right."""
+"""What is known of the plan, and by levels: it only weighs a choice, but it has to weigh it right."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,16 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.config.sensors import CameraSettings
-from companion.control.known_ground import (
-    CELL_M,
-    FIRST_CELLS,
-    MOST_CELLS,
-    SEEN_FROM_M,
-    KnownGround,
-    WallFollowing,
-)
-from companion.model import Pose
-from tests.control.scene import Scene
+from companion.control.ground_grid import FREE, LEVEL_DM, WALL, level_at
+from companion.control.informed import WallFollowing, find_ways
+from companion.control.known_ground import CELL_M, FIRST_CELLS, MOST_CELLS, SEEN_FROM_M, KnownGround, Place
+from companion.model import Measurement, Pose
+from tests.control.scene import Scene, measurement
 from tests.control.stages import compiled, random_scan
 
 EAST, WEST = 0.0, math.pi
@@ -27,45 +23,55 @@ EAST, WEST = 0.0, math.pi
 DRIFT = Scene([(-12.0, -2.0), (40.0, -2.0), (40.0, 2.0), (-12.0, 2.0)])
 """A drift 4 m wide along the x axis: a dead end in the west, and the east far beyond what is looked at."""
 
-
-def at(x_m: float, y_m: float = 0.0) -> Pose:
-    """A pose there, heading east."""
-    return Pose(0.0, x_m, y_m, 1.5, 0.0)
+H_M = 1.5
 
 
-def seen_along(scene: Scene, from_x_m: float, to_x_m: float) -> KnownGround:
+def at(x_m: float, y_m: float = 0.0, ground_m: float = 0.0) -> Pose:
+    """A pose above a place, heading east."""
+    return Pose(0.0, x_m, y_m, ground_m + H_M, 0.0)
+
+
+def look(ground: KnownGround, scene: Scene, pose: Pose, slope: float = 0.0) -> None:
+    ground.see(replace(scene.measure(pose, h_m=H_M), ground_slope=slope), pose)
+
+
+def seen_along(scene: Scene, from_x_m: float, to_x_m: float, ground: KnownGround | None = None) -> KnownGround:
     """What is known after a flight along the x axis that looked all round, four times a metre."""
-    ground = KnownGround()
+    ground = KnownGround() if ground is None else ground
     for x_m in np.arange(from_x_m, to_x_m + 0.01, 0.25):
-        ground.see(scene.scan(at(float(x_m))), at(float(x_m)))
+        look(ground, scene, at(float(x_m)))
     return ground
 
 
-def way_m(ground: KnownGround, x_m: float, y_m: float, direction_rad: float, gamma: int) -> float:
-    """The way to unseen ground when a wall is followed from a point on."""
-    (way,) = ground.way_to_unseen_m((x_m, y_m), (WallFollowing(x_m, y_m, direction_rad, gamma),))
-    return way
+def way_m(ground: KnownGround, place: Place, direction_rad: float, gamma: int) -> float:
+    """The way to unseen ground when a wall is followed from a place on."""
+    ways = find_ways(ground, place)
+    assert ways is not None
+    return ways.along_m(WallFollowing(place, direction_rad, gamma))
+
+
+START = Place(0.0, 0.0, 0.0)
 
 
 def test_nothing_is_known_before_the_first_look() -> None:
-    """No preference without knowledge: all ways are alike, and the choice falls back to p."""
-    starts = (WallFollowing(3.0, 0.0, 0.0, 1), WallFollowing(9.0, 0.0, 0.0, -1))
-    assert len(set(KnownGround().way_to_unseen_m((0.0, 0.0), starts))) == 1
+    """No preference without knowledge: the choice falls back to p."""
+    assert find_ways(KnownGround(), START) is None
+    blind = KnownGround()
+    blind.see(measurement(None), at(0.0))
+    assert find_ways(blind, START) is None
 
 
 @pytest.mark.parametrize(("x_m", "y_m"), [(30.0, 0.0), (20.0, 25.0), (-3.0, -40.0)])
 def test_unseen_ground_is_where_one_stands_in_it(x_m: float, y_m: float) -> None:
-    """A way that begins in unseen ground ends there: what remains is the flight to its beginning, along the axes."""
-    ground = seen_along(DRIFT, 0.0, 0.0)
-    assert way_m(ground, x_m, y_m, EAST, 1) == 0.0
-    assert ground.way_to_unseen_m((0.0, 0.0), (WallFollowing(x_m, y_m, EAST, 1),)) == [abs(x_m) + abs(y_m)]
+    """A way that begins in unseen ground ends there."""
+    assert way_m(seen_along(DRIFT, 0.0, 0.0), Place(x_m, y_m, 0.0), EAST, 1) == 0.0
 
 
 @pytest.mark.parametrize("gamma", [-1, 1])
 def test_a_seen_dead_end_is_further_than_an_open_drift(gamma: int) -> None:
     """West was seen to its end, east was not: following either wall east is the shorter way to something new."""
     ground = seen_along(DRIFT, -10.0, 0.0)
-    east, west = way_m(ground, 0.0, 0.0, EAST, gamma), way_m(ground, 0.0, 0.0, WEST, gamma)
+    east, west = way_m(ground, START, EAST, gamma), way_m(ground, START, WEST, gamma)
     # Seen is at most 5 m ahead; the dead end is 12 m away, and the way back is as long.
     assert east <= 5.0 + 2.0 * CELL_M
     assert west >= 12.0
@@ -91,7 +97,8 @@ def test_the_wall_on_the_side_of_an_unseen_branch_leads_there_sooner(side: int) 
     ]
     scene = Scene([(x, -side * y) for x, y in corners])
     ground = seen_along(scene, -11.0, 9.0)
-    into, past = way_m(ground, -6.0, 0.0, EAST, side), way_m(ground, -6.0, 0.0, EAST, -side)
+    here = Place(-6.0, 0.0, 0.0)
+    into, past = way_m(ground, here, EAST, side), way_m(ground, here, EAST, -side)
     assert into < past
     # 6 m to the branch, 2 m to its mouth, 5 m of it seen, counted along the grid's axes: half as much again.
     assert into <= 1.5 * (6.0 + 2.0 + 5.0)
@@ -100,23 +107,21 @@ def test_the_wall_on_the_side_of_an_unseen_branch_leads_there_sooner(side: int) 
 def test_looking_again_changes_nothing() -> None:
     """The same place seen twice is known as well as once: no wall wears off, no ground is forgotten."""
     once = seen_along(DRIFT, -10.0, 0.0)
-    twice = seen_along(DRIFT, -10.0, 0.0)
-    for x_m in np.arange(-10.0, 0.01, 0.25):
-        twice.see(DRIFT.scan(at(float(x_m))), at(float(x_m)))
-    np.testing.assert_array_equal(once._cells, twice._cells)
+    twice = seen_along(DRIFT, -10.0, 0.0, seen_along(DRIFT, -10.0, 0.0))
+    np.testing.assert_array_equal(once._grid.cells, twice._grid.cells)
 
 
 @pytest.mark.parametrize(("x_m", "y_m"), [(70.0, 0.0), (-70.0, 0.0), (0.0, 70.0), (0.0, -70.0), (300.0, 300.0)])
 def test_the_grid_grows_and_keeps_what_it_knows(x_m: float, y_m: float) -> None:
     """Flying off the first 128 m doubles the grid; what was known is known at the same place."""
     ground = seen_along(DRIFT, -10.0, 0.0)
-    before = [way_m(ground, 0.0, 0.0, direction, gamma) for direction in (EAST, WEST) for gamma in (-1, 1)]
-    known = np.count_nonzero(ground._cells)
+    before = [way_m(ground, START, direction, gamma) for direction in (EAST, WEST) for gamma in (-1, 1)]
+    known = np.count_nonzero(ground._grid.cells)
     # A look into nothing, far from the drift.
-    ground.see(Scene().scan(at(x_m, y_m)), at(x_m, y_m))
-    assert len(ground._cells) > FIRST_CELLS
-    assert np.count_nonzero(ground._cells) > known
-    after = [way_m(ground, 0.0, 0.0, direction, gamma) for direction in (EAST, WEST) for gamma in (-1, 1)]
+    look(ground, Scene(), at(x_m, y_m))
+    assert ground._grid.cells.shape[1] > FIRST_CELLS
+    assert np.count_nonzero(ground._grid.cells) > known
+    after = [way_m(ground, START, direction, gamma) for direction in (EAST, WEST) for gamma in (-1, 1)]
     assert after == before
 
 
@@ -124,35 +129,34 @@ def test_the_grid_grows_and_keeps_what_it_knows(x_m: float, y_m: float) -> None:
 def test_places_outside_of_the_largest_grid_do_no_harm(far_m: float) -> None:
     """A pose that has run away costs the preference there, not the flight, and not what is known nearer by."""
     ground = seen_along(DRIFT, -10.0, 0.0)
-    before = way_m(ground, 0.0, 0.0, EAST, 1)
+    before = way_m(ground, START, EAST, 1)
     for x_m, y_m in ((far_m, 0.0), (-far_m, far_m), (0.0, -far_m)):
-        ground.see(Scene().scan(at(x_m, y_m)), at(x_m, y_m))
-        assert way_m(ground, x_m, y_m, EAST, 1) >= 0.0
-        (way,) = ground.way_to_unseen_m((0.0, 0.0), (WallFollowing(x_m, y_m, EAST, 1),))
-        assert way >= far_m
-    assert len(ground._cells) <= MOST_CELLS
-    assert way_m(ground, 0.0, 0.0, EAST, 1) == before
+        look(ground, Scene(), at(x_m, y_m, ground_m=far_m))
+        assert way_m(ground, Place(x_m, y_m, far_m), EAST, 1) >= 0.0
+    assert ground._grid.cells.shape[1] <= MOST_CELLS
+    assert way_m(ground, START, EAST, 1) == before
 
 
 @compiled
 @given(
     seed=st.integers(0, 2**32 - 1),
-    x_m=st.floats(-100.0, 100.0),
-    y_m=st.floats(-100.0, 100.0),
+    place=st.builds(Place, st.floats(-100.0, 100.0), st.floats(-100.0, 100.0), st.floats(-20.0, 20.0)),
     direction_rad=st.floats(-10.0, 10.0),
     gamma=st.sampled_from([-1, 1]),
 )
-def test_a_way_is_never_shorter_than_the_flight_to_its_beginning(
-    seed: int, x_m: float, y_m: float, direction_rad: float, gamma: int
-) -> None:
-    """Whatever was seen, from wherever and in any direction: a length or inf, never NaN, never negative."""
+def test_a_way_has_a_length_whatever_was_seen(seed: int, place: Place, direction_rad: float, gamma: int) -> None:
+    """From wherever, in any direction, with grounds of any height above each other: a length or inf, never NaN."""
     rng = np.random.default_rng(seed)
     ground = KnownGround()
-    for _ in range(3):
-        x, y, yaw = rng.uniform(-10.0, 10.0, 3)
-        ground.see(random_scan(rng), Pose(0.0, float(x), float(y), 1.5, float(yaw)))
-    (way,) = ground.way_to_unseen_m((0.0, 0.0), (WallFollowing(x_m, y_m, direction_rad, gamma),))
-    assert way >= abs(x_m) + abs(y_m)
+    for _ in range(6):
+        x, y, z, yaw = (float(number) for number in rng.uniform(-10.0, 10.0, 4))
+        seen = replace(measurement(random_scan(rng)), h_m=H_M, ground_slope=float(rng.uniform(-0.4, 0.4)))
+        ground.see(seen, Pose(0.0, x, y, z, yaw))
+    assert way_m(ground, place, direction_rad, gamma) >= 0.0
+    ways = find_ways(ground, place)
+    assert ways is not None
+    way = ways.way(place, direction_rad)
+    assert way is None or 0.0 <= way.length_m < math.inf
 
 
 def test_ground_is_seen_from_where_the_camera_sees_floor_and_roof() -> None:
@@ -163,7 +167,82 @@ def test_ground_is_seen_from_where_the_camera_sees_floor_and_roof() -> None:
     assert CameraSettings(mount_pitch_deg=30.0).sees_from_m(1.5) == math.inf
     near, far = KnownGround(1.0), KnownGround(3.0)
     for ground in (near, far):
-        ground.see(DRIFT.scan(at(0.0)), at(0.0))
-    place = WallFollowing(2.25, 0.0, EAST, 1)
-    assert far.way_to_unseen_m((2.25, 0.0), (place,)) == [0.0]
-    assert near.way_to_unseen_m((2.25, 0.0), (place,)) > [0.0]
+        look(ground, DRIFT, at(0.0))
+    place = Place(2.25, 0.0, 0.0)
+    assert way_m(far, place, EAST, 1) == 0.0
+    assert way_m(near, place, EAST, 1) > 0.0
+
+
+class TestLevels:
+    """A mine has ramps: what lies above each other is not one place."""
+
+    def test_a_drift_below_another_is_unseen_until_it_is_seen(self) -> None:
+        """Protects from leaving out the lower level: one cell for both counted it as known."""
+        ground = seen_along(DRIFT, -10.0, 0.0)
+        below = Place(0.0, 0.0, -6.0)
+        assert way_m(ground, below, EAST, 1) == 0.0
+        look(ground, DRIFT, at(0.0, ground_m=-6.0))
+        look(ground, DRIFT, at(0.0, ground_m=-6.0))
+        assert len(ground._grid.cells) == 2, "with the second look there is a level for it"
+        assert way_m(ground, Place(4.0, 0.0, -6.0), WEST, 1) > 0.0
+        assert way_m(ground, START, WEST, 1) == way_m(seen_along(DRIFT, -10.0, 0.0), START, WEST, 1)
+
+    def test_its_walls_are_not_those_of_the_one_above(self) -> None:
+        """Protects the way: a cross-cut ends at no wall of the level below."""
+        ground = seen_along(DRIFT, -10.0, 0.0)
+        room = Scene([(-12.0, -12.0), (12.0, -12.0), (12.0, 12.0), (-12.0, 12.0)])
+        for _ in range(2):
+            for y_m in np.arange(-6.0, 6.1, 0.5):
+                look(ground, room, at(0.0, float(y_m), ground_m=-6.0))
+        window = ground.window(0.0, 0.0)
+        assert window is not None
+        row, column = window.cell(Place(-2.75, 2.25, 0.0))
+        upper, lower = (level_at(window.grid, row, column, ground_dm) for ground_dm in (0, -60))
+        assert window.grid.cells[upper, row, column] == WALL
+        assert window.grid.cells[lower, row, column] == FREE
+
+    def test_a_ramp_is_one_way_from_level_to_level(self) -> None:
+        """Protects from cutting a ramp: 15 % down over 40 m and the unseen at its end is reached over known ground."""
+        ramp = Scene([(-12.0, -2.0), (60.0, -2.0), (60.0, 2.0), (-12.0, 2.0)])
+        ground = KnownGround()
+        for x_m in np.arange(-10.0, 40.0, 0.25):
+            look(ground, ramp, at(float(x_m), ground_m=-0.15 * float(x_m)), slope=-0.15)
+        ways = find_ways(ground, Place(-8.0, 0.0, 1.2))
+        assert ways is not None
+        way = ways.way(Place(-8.0, 0.0, 1.2), EAST)
+        assert way is not None
+        assert way.goal.x_m == pytest.approx(44.5, abs=1.0)
+        assert way.goal.ground_m == pytest.approx(-0.15 * way.goal.x_m, abs=0.5)
+        assert len(ground._grid.cells) == 1
+
+    def test_noise_of_the_height_makes_no_level(self) -> None:
+        """Protects from a second ground where the estimate of the height wanders, by a metre."""
+        ground = KnownGround()
+        rng = np.random.default_rng(1)
+        for _ in range(200):
+            look(ground, DRIFT, at(float(rng.uniform(-8.0, 8.0)), ground_m=float(rng.uniform(-0.5, 0.5))))
+        assert len(ground._grid.cells) == 1
+        assert LEVEL_DM >= 10
+
+    def test_what_is_given_up_on_one_level_stays_to_be_seen_on_the_other(self) -> None:
+        """A place is given up at its own height."""
+        ground = seen_along(DRIFT, -10.0, 0.0)
+        ground.give_up(Place(4.0, 0.0, 0.0), 3.0)
+        assert way_m(ground, Place(6.0, 0.0, 0.0), EAST, 1) > 0.0
+        assert way_m(ground, Place(6.0, 0.0, -6.0), EAST, 1) == 0.0
+
+    def test_more_levels_than_there_may_be_do_no_harm(self) -> None:
+        """Protects memory: a height that runs away makes no end of levels."""
+        ground = KnownGround()
+        for k in range(40):
+            look(ground, DRIFT, at(0.0, ground_m=3.0 * k))
+        assert len(ground._grid.cells) == 8
+        assert way_m(ground, Place(4.0, 0.0, 0.0), WEST, 1) > 0.0
+
+
+def test_a_measurement_without_height_is_entered_at_the_vehicles_own() -> None:
+    """Protects from NaN in the grid: law and choice go on where h is not known."""
+    ground = KnownGround()
+    seen: Measurement = replace(DRIFT.measure(at(0.0)), h_m=None, ground_slope=None)
+    ground.see(seen, at(0.0))
+    assert way_m(ground, Place(4.0, 0.0, H_M), WEST, 1) > 0.0

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.control import edges
-from companion.control.known_ground import KnownGround
+from companion.control.decisions import Choice
 from companion.control.navigator import FORGET_TANGENT_S, Navigator
 from companion.control.target import TargetKind
 from companion.model import CLEAR, HIT, UNKNOWN, Input, Measurement, Mode, Pose, Scan, wrap_rad
@@ -336,7 +336,7 @@ def test_the_coin_falls_with_its_probability(p: float) -> None:
 
 def taken_at(draw: float, ways_m: list[float], monkeypatch: pytest.MonkeyPatch) -> bool:
     """Whether a draw of that number takes the tangent when the ways (by tangent, by boundary) are so long."""
-    monkeypatch.setattr(KnownGround, "way_to_unseen_m", lambda *_: ways_m)
+    monkeypatch.setattr(Choice, "_ways_m", lambda *_: tuple(ways_m))
     navigator = in_boundary(1, rng=Fixed(draw), choice="frontier", least_probability=0.1, tangent_probability=0.3)
     navigator.step(beside(1, edge_scan(-1)), ORIGIN, 0.0)
     assert navigator.status.draws == 1
@@ -378,7 +378,7 @@ def test_both_outcomes_stay_possible_whatever_has_been_seen(seed: int, least: fl
         navigator = in_boundary(1, rng=Fixed(draw), **bounds)
         ground = navigator._ground
         for scan, (x_m, y_m) in zip(seen, places, strict=True):
-            ground.see(scan, replace(ORIGIN, x_m=float(x_m), y_m=float(y_m)))
+            ground.see(measurement(scan), replace(ORIGIN, x_m=float(x_m), y_m=float(y_m)))
         navigator.step(beside(1, edge_scan(-1)), ORIGIN, 0.0)
         assert (navigator.status.draws, navigator.status.accepted) == (1, taken)
 

@@ -11,12 +11,13 @@ import pytest
 
 from companion.control.decisions import Choice
 from companion.control.informed import Way
+from companion.control.known_ground import Place
 from companion.control.target import TargetKind
 from companion.model import Mode
 from tests.control.scene import measurement, scan_of
 from tests.control.stages import DT_S, OPEN, ORIGIN, Fixed, beside, in_boundary, mode_of
 
-WAY = Way(12.0, 3.0, 2.0, 6.0, 5.0)
+WAY = Way(12.0, Place(3.0, 2.0, 0.0), Place(6.0, 5.0, 0.0))
 """From ORIGIN: straight to (3, 2), and on to (6, 5)."""
 
 
@@ -42,7 +43,7 @@ def test_a_way_over_known_ground_is_taken_with_all_but_p_min(monkeypatch: pytest
 
 def test_a_straight_leads_to_the_next_and_the_last_one_to_the_wall(monkeypatch: pytest.MonkeyPatch) -> None:
     """Protects the way: it is decided once, and flown to its end."""
-    offered(monkeypatch, then=Way(5.0, 6.0, 5.0, 6.0, 5.0))
+    offered(monkeypatch, then=Way(5.0, Place(6.0, 5.0, 0.0), Place(6.0, 5.0, 0.0)))
     navigator = in_boundary(-1, choice="informed", rng=Fixed(0.99))
     navigator.step(beside(-1), ORIGIN, 0.0)
     target = navigator.status.target
@@ -80,7 +81,7 @@ def test_a_straight_that_the_scan_does_not_confirm_is_left(monkeypatch: pytest.M
 
 def test_while_it_turns_towards_it_nothing_need_be_confirmed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Protects ways that lead back: behind the vehicle nobody looks."""
-    offered(monkeypatch, Way(12.0, -3.0, 0.0, -3.0, 0.0))
+    offered(monkeypatch, Way(12.0, Place(-3.0, 0.0, 0.0), Place(-3.0, 0.0, 0.0)))
     behind = scan_of(lambda b: math.nan if abs(b) > 0.75 else math.inf)
     navigator = in_boundary(-1, choice="informed", rng=Fixed(0.99))
     navigator.step(beside(-1), ORIGIN, 0.0)
@@ -97,7 +98,7 @@ def post(d_m: float, bearing_rad: float) -> float:
 
 def test_where_something_is_nearer_than_the_critical_margin_it_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
     """Protects d_c: under a low roof it stood 13 s with rock at 0.75 m beside, since its target came no nearer."""
-    offered(monkeypatch, Way(12.0, -3.0, 0.0, -3.0, 0.0))
+    offered(monkeypatch, Way(12.0, Place(-3.0, 0.0, 0.0), Place(-3.0, 0.0, 0.0)))
     blocked: list[bool] = []
     monkeypatch.setattr(Choice, "block_way", lambda *_: blocked.append(True))
     for d_m, ends in ((0.81, False), (0.78, True)):
