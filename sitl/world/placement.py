@@ -13,7 +13,7 @@ from companion.errors import InputError
 from companion.frames import NedPose, pose_from_ned
 from companion.model import Pose, wrap_rad
 from sitl.mines import World, load_world
-from sitl.mines.mesh import Start
+from sitl.mines.start_beside import Start
 from sitl.scene.raycast import RayCaster
 from sitl.sim.start import start_poses
 
