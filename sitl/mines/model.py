@@ -40,3 +40,9 @@ class World:
         """A place in words, in the coordinates that its file has."""
         x_0, y_0, z_0 = self.origin_m
         return f"({x_m + x_0:.2f}, {y_m + y_0:.2f}, {z_m + z_0:.2f})"
+
+    def bounds(self) -> str:
+        """From where to where it reaches, in words, in the coordinates that its file has."""
+        used = self.vertices_m[self.triangles].reshape(-1, 3)
+        low, high = used.min(axis=0) + self.origin_m, used.max(axis=0) + self.origin_m
+        return ", ".join(f"{axis} {a:.2f} to {b:.2f}" for axis, a, b in zip("xyz", low, high, strict=True))

@@ -308,7 +308,6 @@ def test_a_negative_seed_is_refused() -> None:
         (3.0, 0.2, 1.0, "the nearest surface is 0.20 m away, the vehicle needs 0.30 m"),
         (3.0, 5.0, 1.0, "no floor below"),
         (3.0, 1.8, -1.0, "no floor below"),
-        (3.0, 1.8, 9.0, "no roof above"),
     ],
 )
 def test_a_start_in_the_wall_or_outside_is_refused(x_m: float, y_m: float, z_m: float, says: str) -> None:

@@ -181,7 +181,7 @@ def test_a_start_nearer_to_a_wall_than_the_margin_counts_only_if_that_is_allowed
 def test_a_start_outside_gives_no_surface_and_no_truth() -> None:
     world, caster = scene("room")
     assert len(traveling_surface(caster, (2.0, 9.0, 1.0), height_m=1.0, margin_m=0.5)) == 0
-    with pytest.raises(InputError, match=r"start \(2.00, 9.00\) in world room"):
+    with pytest.raises(InputError, match=r"start \(2.00, 9.00, 1.00\) in world room"):
         Truth.of(world, caster, (2.0, 9.0, 1.0), 1.0, 0.5, 0.2, 10.0)
 
 
