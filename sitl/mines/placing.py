@@ -91,8 +91,7 @@ def placed(path: Path, geometry: Geometry, reading: Reading) -> Placed:
     remarks = [_extent(low, high, scale, geometry)]
     if reading.up is None and geometry.up == "z" and high[1] - low[1] < min(high[0] - low[0], high[2] - low[2]):
         remarks.append("the shortest extent is along y: if the mesh lies on its side, it is y up: --up y")
-    if geometry.single:
-        remarks += _coarse(path, float(np.abs([low, high]).max()))
+    remarks += _coarse(path, geometry.step * scale)
     if origin.any():
         remarks.append(
             f"far from 0: {_numbers(origin)} m is the origin of all that is written, and is in summary.json as origin_m"
@@ -128,15 +127,14 @@ def _extent(low: Array, high: Array, scale: float, geometry: Geometry) -> str:
     return f"{kind}, {_numbers(high - low, ' x ')} m ({bounds}){scaled}"
 
 
-def _coarse(path: Path, farthest_m: float) -> list[str]:
-    step_m = float(np.spacing(np.float32(farthest_m)))
+def _coarse(path: Path, step_m: float) -> list[str]:
     if step_m > WORST_STEP_M:
         raise InputError(
-            f"world {path}: at {farthest_m:.0f} m its single precision has steps of {step_m:.2g} m: walls are not "
-            "where they were. Export it nearer to 0, or as PLY or OBJ in double precision"
+            f"world {path}: its single precision has steps of {step_m:.2g} m so far from 0: walls are not where they "
+            "were. Export it nearer to 0, or as PLY or OBJ in double precision"
         )
     if step_m > COARSE_STEP_M:
-        return [f"at {farthest_m:.0f} m its single precision has steps of {1000 * step_m:.0f} mm"]
+        return [f"its single precision has steps of {1000 * step_m:.0f} mm so far from 0"]
     return []
 
 

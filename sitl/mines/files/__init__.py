@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,8 +50,19 @@ def read(path: Path) -> Geometry:
         raise InputError(f"world {path}: {error}") from error
     except MemoryError:
         raise InputError(f"world {path}: too large for the memory of this computer") from None
+    if len(geometry.triangles) == 0:
+        geometry = _of_points(geometry)
     _check(path, geometry)
     return geometry
+
+
+def _of_points(cloud: Geometry) -> Geometry:
+    """A cloud without the points that have no place: scanners write what did not come back as NaN."""
+    finite = np.isfinite(cloud.vertices).all(axis=1)
+    if finite.all():
+        return cloud
+    told = f"{np.sum(~finite)} points without finite coordinates are left out"
+    return replace(cloud, vertices=cloud.vertices[finite], remarks=(*cloud.remarks, told))
 
 
 def _check(path: Path, geometry: Geometry) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl.mines.files.geometry import NO_TRIANGLES, Geometry, UnreadableError, Up
+from sitl.mines.files.geometry import NO_TRIANGLES, Geometry, UnreadableError, Up, single_step
 from sitl.mines.files.polygons import triangulated
 
 
@@ -49,8 +49,8 @@ def read_collada(path: Path) -> Geometry:
                 continue
             points = _points(primitive.sources["VERTEX"][0][4], kept)
             corners, counts = _corners(primitive)
-            if corners.max() >= len(points) or corners.min() < 0:
-                raise UnreadableError(f"a triangle names vertex {corners.max()} of only {len(points)}")
+            if corners.min() < 0:
+                raise UnreadableError(f"a face names vertex {corners.min()}")
             faces, dropped = triangulated(points, corners, counts)
             vertices.append(points @ matrix[:3, :3].T + matrix[:3, 3])
             triangles.append(faces + first)
@@ -62,7 +62,7 @@ def read_collada(path: Path) -> Geometry:
         np.concatenate(triangles),
         up=up,
         unit_m=1.0 if unit_m is None else float(unit_m),
-        single=any(np.abs(np.asarray(mesh.matrix)[:3, 3]).max() > 0.0 for mesh in meshes),
+        step=max((single_step(np.asarray(mesh.matrix)[:3, 3]) for mesh in meshes), default=0.0),
         remarks=tuple(remarks),
     )
 

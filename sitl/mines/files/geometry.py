@@ -25,7 +25,7 @@ class Geometry:
         triangles: (m, 3) int64 indices into ``vertices``; m = 0 for a cloud of points.
         up: the axis that points up, as the file or the standard of its format says.
         unit_m: the length of the file's unit, if it says so.
-        single: whether the coordinates were read in single precision, which is all that the format or its reader has.
+        step: the coarsest step in which the coordinates were kept, as of single precision far from 0; 0 for double.
         remarks: what was odd or left out, for people.
     """
 
@@ -33,8 +33,14 @@ class Geometry:
     triangles: NDArray[np.int64]
     up: Up = "z"
     unit_m: float = 1.0
-    single: bool = False
+    step: float = 0.0
     remarks: tuple[str, ...] = ()
+
+
+def single_step(numbers: NDArray[np.floating]) -> float:
+    """The step of single precision at the largest of some numbers."""
+    largest = np.abs(numbers[np.isfinite(numbers)]).max(initial=0.0)
+    return float(np.spacing(np.float32(largest)))
 
 
 NO_TRIANGLES: NDArray[np.int64] = np.empty((0, 3), np.int64)

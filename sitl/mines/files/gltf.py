@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sitl.mines.files.geometry import NO_TRIANGLES, Geometry, UnreadableError
+from sitl.mines.files.geometry import NO_TRIANGLES, Geometry, UnreadableError, single_step
 
 _READ = {4, 5}
 _MODES = {0: "points", 1: "lines", 2: "line loops", 3: "line strips", 6: "triangle fans"}
@@ -47,8 +47,10 @@ def read_gltf(path: Path) -> Geometry:
         return Geometry(np.empty((0, 3)), NO_TRIANGLES, remarks=remarks)
     vertices = np.concatenate([np.asarray(part.vertices, np.float64) for part in parts])
     first = np.cumsum([0] + [len(part.vertices) for part in parts])
+    # Nodes are placed in double precision, what hangs on them is not kept in it.
+    step = max(single_step(part.vertices) for part in scene.geometry.values())
     triangles = np.concatenate([np.asarray(part.faces, np.int64) + k for part, k in zip(parts, first, strict=False)])
-    return Geometry(vertices, triangles, up="y", single=True, remarks=remarks)
+    return Geometry(vertices, triangles, up="y", step=step, remarks=remarks)
 
 
 def _header(path: Path) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl.mines.files.geometry import Geometry, UnreadableError
+from sitl.mines.files.geometry import Geometry, UnreadableError, single_step
 
 _HEADER_BYTES = 84
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -44,7 +44,7 @@ def _of_binary(data: bytes) -> Geometry:
         remarks.append(f"{extra} bytes after the last triangle are left out")
     triangles = np.frombuffer(data, _TRIANGLE, said, _HEADER_BYTES)
     vertices = triangles["corners"].reshape(-1, 3).astype(np.float64)
-    return Geometry(vertices, _in_threes(vertices), single=True, remarks=tuple(remarks))
+    return Geometry(vertices, _in_threes(vertices), step=single_step(vertices), remarks=tuple(remarks))
 
 
 def _of_text(data: bytes) -> Geometry:
