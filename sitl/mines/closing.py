@@ -16,8 +16,11 @@ CLOSED_VOXELS = 2
 MOST_VOXELS = 2_000_000
 """Of more, the surface has more triangles than a flight can be simulated with: some 2 GB."""
 
-_BITS = 20
-_MOST = 2**_BITS - 8
+_BLOCK = 4_000_000
+_BITS, _BORDER = 20, 4
+"""Of a key for each axis, and empty voxels all around, so that keys never run over from one axis to the next."""
+
+_MOST = 2**_BITS - 2 * _BORDER
 _STEPS = (1, 1 << _BITS, 1 << 2 * _BITS)
 """What one voxel along x, y and z adds to a key."""
 
@@ -62,11 +65,7 @@ def closed_surface(points_m: Array, voxel_m: float) -> Closed:
     span = np.floor(points_m.max(axis=0) / voxel_m) - low
     if span.max() > _MOST:
         raise TooManyVoxelsError(f"{span.max():.0f} voxels in a row, of at most {_MOST}")
-    # Room for the closing all around, so that keys never run over from one axis to the next.
-    cells = (np.floor(points_m / voxel_m) - low).astype(np.int64) + 4
-    full, counts = np.unique(cells @ np.array(_STEPS), return_counts=True)
-    if len(full) > MOST_VOXELS:
-        raise TooManyVoxelsError(f"{len(full)} voxels hold points, of at most {MOST_VOXELS}")
+    full, counts = _full(points_m, voxel_m, low)
     solid = full
     for step in _STEPS:
         solid = np.unique(np.concatenate([solid - step, solid, solid + step]))
@@ -74,8 +73,21 @@ def closed_surface(points_m: Array, voxel_m: float) -> Closed:
         solid = solid[_among(solid - step, solid) & _among(solid + step, solid)]
     vertices, triangles = _faces(solid)
     return Closed(
-        (vertices - 4 + low) * voxel_m, triangles, float(np.median(counts)), len(full), len(solid) - len(full)
+        (vertices - _BORDER + low) * voxel_m, triangles, float(np.median(counts)), len(full), len(solid) - len(full)
     )
+
+
+def _full(points_m: Array, voxel_m: float, low: Array) -> tuple[Keys, NDArray[np.int64]]:
+    """The voxels that hold points, sorted, and how many each holds; block by block, so that memory stays bounded."""
+    full, counts = np.empty(0, np.int64), np.empty(0, np.int64)
+    for begin in range(0, len(points_m), _BLOCK):
+        cells = (np.floor(points_m[begin : begin + _BLOCK] / voxel_m) - low).astype(np.int64) + _BORDER
+        more, of_more = np.unique(cells @ np.array(_STEPS), return_counts=True)
+        full, place = np.unique(np.concatenate([full, more]), return_inverse=True)
+        counts = np.bincount(place, np.concatenate([counts, of_more])).astype(np.int64)
+        if len(full) > MOST_VOXELS:
+            raise TooManyVoxelsError(f"{len(full)} voxels or more hold points, of at most {MOST_VOXELS}")
+    return full, counts
 
 
 def _among(keys: Keys, of: Keys) -> NDArray[np.bool_]:

@@ -123,7 +123,9 @@ def _check_size(path: Path, low: Array, high: Array, scale: float) -> None:
 def _extent(low: Array, high: Array, scale: float, geometry: Geometry) -> str:
     kind = f"{len(geometry.triangles)} triangles" if len(geometry.triangles) else f"{len(geometry.vertices)} points"
     scaled = "" if scale == 1.0 else f", one unit being {scale:g} m"
-    bounds = ", ".join(f"{axis} {a:.2f} to {b:.2f}" for axis, a, b in zip("xyz", low, high, strict=True))
+    # Rounded first, and with 0 added: there is no minus 0.
+    ends = np.round([low, high], 2).T + 0.0
+    bounds = ", ".join(f"{axis} {a:.2f} to {b:.2f}" for axis, (a, b) in zip("xyz", ends, strict=True))
     return f"{kind}, {_numbers(high - low, ' x ')} m ({bounds}){scaled}"
 
 

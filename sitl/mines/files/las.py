@@ -9,8 +9,8 @@ import numpy as np
 
 from sitl.mines.files.geometry import NO_TRIANGLES, Geometry, UnreadableError
 
-MOST_POINTS = 100_000_000
-"""More would need more than 5 GB."""
+MOST_POINTS = 50_000_000
+"""More would need more than 4 GB."""
 
 
 def read_las(path: Path) -> Geometry:

@@ -116,7 +116,7 @@ def test_what_has_too_many_voxels_is_refused_before_the_work(points_m: NDArray[n
     with pytest.raises(TooManyVoxelsError, match="in a row"):
         closed_surface(np.vstack([points_m, [20_000.0, 0.0, 0.0]]), 0.01)
     many = np.random.default_rng(0).uniform(0.0, 1000.0, (MOST_VOXELS + 100_000, 3))
-    with pytest.raises(TooManyVoxelsError, match="voxels hold points, of at most"):
+    with pytest.raises(TooManyVoxelsError, match="voxels or more hold points, of at most"):
         closed_surface(many, 0.2)
 
 

@@ -22,7 +22,7 @@ QUADS = "f 1 2 3 4\nf 5 8 7 6\nf 1 5 6 2\nf 2 6 7 3\nf 3 7 8 4\nf 4 8 5 1\n"
 
 def box() -> trimesh.Trimesh:
     """A closed room of 10 x 4 x 3 m with one corner at 0."""
-    mesh = trimesh.creation.box((10, 4, 3))
+    mesh: trimesh.Trimesh = trimesh.creation.box((10, 4, 3))
     mesh.apply_translation((5.0, 2.0, 1.5))
     return mesh
 

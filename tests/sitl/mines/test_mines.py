@@ -289,7 +289,7 @@ def test_a_mesh_without_a_usable_start_is_refused_with_the_way_out(
 ) -> None:
     _write(tmp_path / "mine.ply")
     if beside is not None:
-        (tmp_path / "mine.json").write_text(beside)
+        (tmp_path / "mine.json").write_text(beside, encoding="utf-8")
     with pytest.raises(InputError, match=says):
         load_world(str(tmp_path / "mine.ply"), seed=0)
 
