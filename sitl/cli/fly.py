@@ -66,6 +66,8 @@ def fly(
     )
     typer.echo("starting the autopilot and the world (the first time on a computer takes about a minute)")
     with patient(), Crew(plan) as crew:
+        for line in crew.about_the_mine():
+            typer.echo(line)
         if not real:
             typer.echo(
                 f"faults: send takeover, battery PERCENT or gps on|off to UDP port {crew.control_port} on loopback"

@@ -114,6 +114,11 @@ class Crew:
         for one in self._running:
             one.check()
 
+    def about_the_mine(self) -> list[str]:
+        """What the world said of its mine before it served."""
+        lines = self.world.said().splitlines()
+        return lines[: next((k for k, line in enumerate(lines) if WORLD_SERVES in line), 0)]
+
     def application(self, *options: str) -> list[str]:
         """The command that flies: it becomes the gate, and the application is its child."""
         return [*command("run"), "--config", str(self.config), "--seed", str(self.plan.seed), *options]

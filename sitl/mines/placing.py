@@ -94,7 +94,7 @@ def placed(path: Path, geometry: Geometry, reading: Reading) -> Placed:
     remarks += _coarse(path, geometry.step * scale)
     if origin.any():
         remarks.append(
-            f"far from 0: {_numbers(origin)} m is the origin of all that is written, and is in summary.json as origin_m"
+            f"far from 0: {_numbers(origin)} m is the origin of all that is written, kept beside it as origin_m"
         )
         vertices = vertices - origin
     return Placed(vertices, scale, origin, tuple(remarks))

@@ -14,8 +14,10 @@ from sitl.mines.files.geometry import Geometry, UnreadableError
 from sitl.mines.files.gltf import read_gltf
 from sitl.mines.files.las import read_las
 from sitl.mines.files.obj import read_obj
+from sitl.mines.files.off import read_off
+from sitl.mines.files.pcd import read_pcd
 from sitl.mines.files.stl import read_stl
-from sitl.mines.files.through_open3d import read_off, read_pcd, read_ply
+from sitl.mines.files.through_open3d import read_ply
 
 _READERS: dict[str, Callable[[Path], Geometry]] = {
     ".ply": read_ply,

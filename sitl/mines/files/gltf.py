@@ -32,8 +32,7 @@ def read_gltf(path: Path) -> Geometry:
     needed = [str(name) for name in header.get("extensionsRequired", [])]
     if unknown := [name for name in needed if not name.startswith(_HARMLESS)]:
         raise UnreadableError(
-            f"needs {', '.join(unknown)}, which is not read: save it without compression, as "
-            "`npx @gltf-transform/cli copy IN.glb OUT.glb` does"
+            f"needs {', '.join(unknown)}, which is not read: open it in Blender and export it without compression"
         )
     try:
         with warnings.catch_warnings():

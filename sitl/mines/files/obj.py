@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import warnings
 from collections import Counter
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from sitl.mines.files.geometry import NO_TRIANGLES, Geometry, UnreadableError
 from sitl.mines.files.polygons import triangulated
+from sitl.mines.files.text import integers
 
 _SILENT = frozenset({b"vn", b"vt", b"vp", b"g", b"o", b"s", b"mg", b"usemtl", b"mtllib", b"usemap", b"maplib"})
 """Statements that say nothing of where the surface is."""
@@ -64,12 +64,10 @@ def _corners(lines: list[bytes]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     joined = b" 0 ".join([line[1:] for line in lines]) + b" 0"
     # Of vertex/texture/normal only the first says where the surface is.
     joined = re.sub(rb"/[^ \t]*", b"", joined) if b"/" in joined else joined
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        try:
-            numbers = np.fromstring(joined, dtype=np.int64, sep=" ")
-        except (ValueError, DeprecationWarning):
-            raise UnreadableError("the file is damaged: the line of a face cannot be read") from None
+    try:
+        numbers = integers(joined)
+    except ValueError as error:
+        raise UnreadableError(f"the file is damaged: the line of a face cannot be read: {error}") from None
     ends = np.flatnonzero(numbers == 0)
     if len(ends) != len(lines):
         raise UnreadableError("a face names vertex 0, and the first one is number 1")

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-import warnings
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sitl.mines.files.geometry import Geometry, UnreadableError, single_step
+from sitl.mines.files.text import reals
 
 _HEADER_BYTES = 84
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -54,12 +54,10 @@ def _of_text(data: bytes) -> Geometry:
         raise UnreadableError("damaged: the text ends without 'endsolid', so its end is missing")
     facets = lower.count(b"endfacet")
     corners = re.findall(rb"(?<=\s)vertex(\s[^\r\n]+)", lower)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        try:
-            numbers = np.fromstring(b"".join(corners), dtype=np.float64, sep=" ")
-        except (ValueError, DeprecationWarning):
-            raise UnreadableError("damaged: a vertex is not three numbers") from None
+    try:
+        numbers = reals(b"".join(corners))
+    except ValueError:
+        raise UnreadableError("damaged: a vertex is not three numbers") from None
     if len(corners) != 3 * facets or len(numbers) != 9 * facets:
         raise UnreadableError(f"damaged: {facets} triangles with {len(corners)} corners of {len(numbers)} numbers")
     vertices = numbers.reshape(-1, 3)

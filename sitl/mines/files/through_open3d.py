@@ -1,4 +1,4 @@
-"""PLY, OFF and PCD, which Open3D reads in double precision."""
+"""PLY, and clouds of points, as Open3D reads them: in double precision, if the file has it."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ import re
 import sys
 import tempfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sitl.mines.files.geometry import NO_TRIANGLES, Geometry, UnreadableError
+from sitl.mines.files.geometry import Geometry, UnreadableError, single_step
 
 _COMPLAINT = re.compile(r"^(?:\x1b\[[0-9;]*m)*(?:RPly: *|\[Open3D WARNING\] *)(.*?)(?:\x1b\[[0-9;]*m)*$")
 _NO_COMPLAINT = re.compile("appears to be a geometry::PointCloud")
@@ -34,38 +36,30 @@ def read_ply(path: Path) -> Geometry:
         header = file.read(_HEADER_BYTES).partition(b"end_header")[0]
     if re.search(rb"^element\s+tristrips\s+[1-9]", header, re.MULTILINE):
         raise UnreadableError(
-            "its triangles are in strips (tristrips), which are not read: open and save it with MeshLab, or "
-            "`meshlabserver -i IN.ply -o OUT.ply`"
+            "its triangles are in strips (tristrips), which are not read: open and save it with MeshLab, which "
+            "writes triangles"
         )
     said = re.search(rb"^element\s+face\s+(\d+)", header, re.MULTILINE)
-    return _triangle_mesh(path, 0 if said is None else int(said[1]))
+    geometry = _triangle_mesh(path, 0 if said is None else int(said[1]))
+    single = re.search(rb"^format\s+binary", header, re.MULTILINE) and re.search(
+        rb"^property\s+float(32)?\s+x\b", header, re.MULTILINE
+    )
+    return replace(geometry, step=single_step(geometry.vertices)) if single else geometry
 
 
-def read_off(path: Path) -> Geometry:
-    """The surface in an OFF file.
-
-    Raises:
-        UnreadableError: damaged, or no faces.
-    """
-    geometry = _triangle_mesh(path, 0)
-    if len(geometry.vertices) > 0 and len(geometry.triangles) == 0:
-        raise UnreadableError(f"holds no triangles ({len(geometry.vertices)} points); a world must be a surface mesh")
-    return geometry
-
-
-def read_pcd(path: Path) -> Geometry:
-    """The points in a PCD file.
+def points_of(path: Path) -> NDArray[np.float64]:
+    """The (n, 3) points that Open3D reads of a cloud, those that are not finite among them.
 
     Raises:
-        UnreadableError: damaged.
+        UnreadableError: it complains.
     """
     import open3d
 
     with _silenced(open3d) as said:
-        points = np.asarray(open3d.io.read_point_cloud(path, remove_nan_points=False).points)
+        points: NDArray[np.float64] = np.asarray(open3d.io.read_point_cloud(path, remove_nan_points=False).points)
     if said:
         raise UnreadableError(f"the file is damaged or not what its name says: {said[0]}")
-    return Geometry(points, NO_TRIANGLES)
+    return points
 
 
 def _triangle_mesh(path: Path, faces: int) -> Geometry:

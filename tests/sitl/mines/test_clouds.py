@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import laspy
@@ -67,9 +68,7 @@ def test_a_cloud_far_away_keeps_its_digits(tmp_path: Path, points_m: NDArray[np.
     start = (START[0] + shift[0], START[1] + shift[1], START[2], START[3])
     world = load_world(cloud(tmp_path / "room.laz", points_m + shift), 0, start)
     assert world.origin_m == tuple(shift)
-    assert is_closed_room(
-        World(world.name, world.vertices_m, world.triangles, world.start, world.start_area_m, world.description)
-    )
+    assert is_closed_room(replace(world, origin_m=(0.0, 0.0, 0.0)))
 
 
 def test_holes_of_up_to_two_voxels_are_closed_and_larger_ones_are_not(points_m: NDArray[np.float64]) -> None:
@@ -118,6 +117,35 @@ def test_what_has_too_many_voxels_is_refused_before_the_work(points_m: NDArray[n
     many = np.random.default_rng(0).uniform(0.0, 1000.0, (MOST_VOXELS + 100_000, 3))
     with pytest.raises(TooManyVoxelsError, match="voxels or more hold points, of at most"):
         closed_surface(many, 0.2)
+
+
+def pcd(points: NDArray[np.floating], kind: str) -> bytes:
+    """A PCD file with a field in front of the coordinates."""
+    size = points.dtype.itemsize
+    header = (
+        f"VERSION 0.7\nFIELDS ring x y z _\nSIZE 2 {size} {size} {size} 1\nTYPE U F F F U\nCOUNT 1 1 1 1 3\n"
+        f"WIDTH {len(points)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(points)}\nDATA {kind}\n"
+    )
+    rows = np.zeros(len(points), [("ring", "<u2"), ("at", points.dtype, 3), ("_", "u1", 3)])
+    rows["at"] = points
+    return header.encode() + rows.tobytes()
+
+
+def test_a_pcd_file_in_double_precision_keeps_its_digits_and_one_in_single_is_refused_far_away(
+    tmp_path: Path, points_m: NDArray[np.float64]
+) -> None:
+    shift = np.array([500_000.0, 6_000_000.0, 0.0])
+    path, start = tmp_path / "room.pcd", (START[0] + shift[0], START[1] + shift[1], START[2], START[3])
+    path.write_bytes(pcd(points_m + shift, "binary"))
+    world = load_world(str(path), 0, start)
+    assert world.origin_m == tuple(shift)
+    assert is_closed_room(replace(world, origin_m=(0.0, 0.0, 0.0)))
+    path.write_bytes(pcd((points_m + shift).astype(np.float32), "binary"))
+    with pytest.raises(InputError, match=r"steps of 0.5 m so far from 0"):
+        load_world(str(path), 0, start)
+    path.write_bytes(pcd(points_m, "binary_compressed"))
+    with pytest.raises(InputError, match=r"pcl_convert_pcd_ascii_binary"):
+        load_world(str(path), 0, START)
 
 
 @pytest.mark.parametrize("suffix", [".las", ".laz", ".pcd", ".ply"])

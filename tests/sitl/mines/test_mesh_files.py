@@ -7,6 +7,7 @@ import struct
 from pathlib import Path
 
 import numpy as np
+import open3d
 import pytest
 import trimesh
 from numpy.typing import NDArray
@@ -178,6 +179,16 @@ class TestPly:
         with pytest.raises(InputError, match=r"strips.*MeshLab"):
             world_of(tmp_path / "box.ply", self.HEAD + strips + self.POINTS + "5 0 1 2 3 4\n")
 
+    def test_single_precision_far_from_0_is_refused_and_double_is_not(self, tmp_path: Path) -> None:
+        far = box().apply_translation((5e5, 6e6, 0.0))
+        mesh = open3d.geometry.TriangleMesh(
+            open3d.utility.Vector3dVector(far.vertices), open3d.utility.Vector3iVector(far.faces.astype(np.int32))
+        )
+        assert open3d.io.write_triangle_mesh(tmp_path / "double.ply", mesh)
+        assert is_the_box(load_world(str(tmp_path / "double.ply"), 0, (500_005.0, 6_000_002.0, 1.5, 0.0)))
+        with pytest.raises(InputError, match=r"steps of 0.5 m so far from 0"):
+            world_of(tmp_path / "single.ply", trimesh.exchange.ply.export_ply(far))
+
     def test_a_binary_file_that_was_cut_is_refused(self, tmp_path: Path) -> None:
         data = trimesh.exchange.ply.export_ply(box())
         assert is_the_box(world_of(tmp_path / "box.ply", data))
@@ -186,11 +197,37 @@ class TestPly:
                 world_of(tmp_path / "box.ply", data[: int(len(data) * share)])
 
 
-def test_a_cut_off_file_is_refused(tmp_path: Path) -> None:
-    text = trimesh.exchange.off.export_off(box())
-    assert is_the_box(world_of(tmp_path / "box.off", text))
-    with pytest.raises(InputError, match="damaged"):
-        world_of(tmp_path / "box.off", text[: len(text) * 3 // 5])
+class TestOff:
+    """OFF with faces of any number of corners, and what may stand behind them."""
+
+    QUADS = "".join("4" + "".join(f" {int(i) - 1}" for i in q.split()[1:]) + "\n" for q in QUADS.splitlines())
+
+    def test_quads_colours_comments_and_counts_in_the_first_line(self, tmp_path: Path) -> None:
+        points = BOX.replace("v ", "")
+        assert is_the_box(world_of(tmp_path / "a.off", "OFF\n8 6 0\n" + points + self.QUADS))
+        coloured = self.QUADS.replace("\n", " 0.5 0.5 1 # wall\n")
+        assert is_the_box(world_of(tmp_path / "b.off", "# a room\nOFF 8 6 12\n\n" + points + coloured))
+        with_colour = points.replace("\n", " 255 0 0 255\n")
+        assert is_the_box(world_of(tmp_path / "c.off", "COFF\r\n8 6 0\r\n" + with_colour + self.QUADS))
+
+    def test_coordinates_far_away_keep_their_digits(self, tmp_path: Path) -> None:
+        (tmp_path / "far.off").write_text(trimesh.exchange.off.export_off(box().apply_translation((5e5, 6e6, 0))))
+        world = load_world(str(tmp_path / "far.off"), 0, (500_005.0, 6_000_002.0, 1.5, 0.0))
+        assert is_the_box(world)
+
+    @pytest.mark.parametrize(
+        ("text", "says"),
+        [
+            (QUADS.rsplit("\n", 2)[0], "should hold 8 vertices and 6 faces and ends after 13 lines"),
+            (QUADS.replace("4 0 1", "4 0 99"), "names vertex 99 of only 8"),
+            (QUADS.replace("4 0 1", "5 0 1", 1), "fewer vertices than it says"),
+            (QUADS.replace("4 0 1", "4 0 -1", 1), "a negative one"),
+            (QUADS.replace("4 0 1", "4 0 x", 1), "cannot be read"),
+        ],
+    )
+    def test_what_is_damaged_is_refused(self, tmp_path: Path, text: str, says: str) -> None:
+        with pytest.raises(InputError, match=says):
+            world_of(tmp_path / "a.off", "OFF\n8 6 0\n" + BOX.replace("v ", "") + text)
 
 
 class TestGltf:
@@ -233,7 +270,7 @@ class TestGltf:
         return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
 
     def test_a_compression_that_is_not_read_is_named_with_the_way_out(self, tmp_path: Path) -> None:
-        with pytest.raises(InputError, match=r"needs KHR_draco_mesh_compression.*gltf-transform"):
+        with pytest.raises(InputError, match=r"needs KHR_draco_mesh_compression.*Blender"):
             world_of(tmp_path / "a.glb", self.changed(extensionsRequired=["KHR_draco_mesh_compression"]))
 
     def test_animations_are_told(self, tmp_path: Path) -> None:
