@@ -10,11 +10,13 @@ import open3d
 import pytest
 from numpy.typing import NDArray
 
+from companion.config.settings import Settings
 from companion.errors import InputError
 from companion.model import Pose
 from sitl.mines import World, load_world
 from sitl.mines.placing import Reading
 from sitl.scene.raycast import RayCaster
+from sitl.sim.simulation import Simulation
 from sitl.sim.start import check_start, remarks_on_start
 
 START = (3.0, 1.8, 1.0, 0.5)
@@ -160,6 +162,17 @@ class TestStart:
         )
         closed = replace(room, start=Pose(0.0, *START))
         assert remarks_on_start(closed, RayCaster(closed)) == ()
+
+    def test_a_mission_measures_everything_under_the_open_sky(self, room: World) -> None:
+        """No reading above is none that is missing, and no place is passed over for want of a roof."""
+        simulation = Simulation(self.opened(room), Settings(), seed=1)
+        simulation.run(2.0)
+        assert simulation.ended_because == "time limit"
+        measurement = simulation.flights[0].measurement
+        assert measurement is not None
+        assert not measurement.missing
+        assert simulation.truth.reach_m2 == pytest.approx(Simulation(room, Settings(), seed=1).truth.reach_m2, rel=0.1)
+        assert any("no roof" in remark for remark in simulation.score()["remarks"])  # type: ignore[attr-defined]
 
     def test_a_start_on_top_of_a_closed_mine_is_told(self, room: World) -> None:
         world = replace(room, start=Pose(0.0, 3.0, 1.8, 9.0, 0.0))
