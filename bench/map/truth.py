@@ -52,7 +52,7 @@ from companion.geometry import camera_to_world
 from companion.mapping import FREE, VoxelMap
 from companion.model import DepthFrame, Pose
 from sitl.mines import World, load_world
-from sitl.mines.mesh import SUFFIXES
+from sitl.mines.files import SUFFIXES
 from sitl.scene.raycast import RayCaster
 from sitl.scene.render import DepthRenderer
 from sitl.scene.sensors import SensorRig

@@ -19,6 +19,8 @@ from companion.model import Pose
 from sitl.autopilot import PERSONALITIES, Autopilot, Personality, Surroundings
 from sitl.autopilot.codec import Signing
 from sitl.autopilot.endpoint import Address, Endpoint
+from sitl.cli.mesh_options import DEFAULT_CLOUD_VOXEL_M, CloudVoxel, Scale, UpAxis
+from sitl.mines.placing import Reading
 
 DEFAULT_TO = ("127.0.0.1:14540", "127.0.0.1:14550", "127.0.0.1:14560")
 """Companion computer, ground station, and the process that shows the vehicle its world."""
@@ -54,6 +56,9 @@ def autopilot(
         str | None,
         typer.Option(metavar="NAME|MESH", help="Mine to stand and crash in, as for `world`; else level ground."),
     ] = None,
+    scale: Scale = None,
+    up: UpAxis = None,
+    cloud_voxel: CloudVoxel = DEFAULT_CLOUD_VOXEL_M,
     seed: Annotated[int, typer.Option(min=0, metavar="N", help="Draws a random world, noise and disturbance.")] = 1,
     config: Annotated[
         Path | None, typer.Option(metavar="FILE", help="YAML file with settings, as the world has: body and start.")
@@ -89,7 +94,7 @@ def autopilot(
     """
     kind = _personality(personality)
     signing = None if signing_key is None else _signing(signing_key)
-    pose, surroundings = _place(world, seed, start, config, preset)
+    pose, surroundings = _place(world, Reading(scale, up, cloud_voxel), seed, start, config, preset)
     values = dict(_parameter(text) for text in param or [])
     if speed != 1.0 and kind.name == "px4":
         # As PX4's own simulator does, whatever was set.
@@ -171,6 +176,7 @@ def _signing(path: Path) -> Signing:
 
 def _place(
     world: str | None,
+    reading: Reading,
     seed: int,
     start: tuple[float, float, float, float] | None,
     config: Path | None,
@@ -188,7 +194,7 @@ def _place(
     from sitl.world.placement import Scene
 
     settings = load_settings(config, preset)
-    scene = Scene.load(world, seed, start, settings)
+    scene = Scene.load(world, seed, start, settings, reading=reading)
     vehicle = settings.vehicle
     return scene.stand, inside(scene.caster, vehicle.body_radius_m, vehicle.body_height_m / 2.0)
 

@@ -9,8 +9,10 @@ from typing import Annotated, Literal
 import typer
 
 from companion.errors import CompanionError, InputError
+from sitl.cli.mesh_options import DEFAULT_CLOUD_VOXEL_M, CloudVoxel, Scale, UpAxis, spelled
 from sitl.launch.processes import Crew, FlightPlan, patient, run_to_its_end
 from sitl.launch.real import find
+from sitl.mines.placing import Reading
 
 
 class FlightFailedError(CompanionError):
@@ -23,6 +25,9 @@ def fly(
     world: Annotated[
         str, typer.Option(metavar="NAME|MESH", help="complex, slope, room, random, random:K, or a mesh file.")
     ] = "room",
+    scale: Scale = None,
+    up: UpAxis = None,
+    cloud_voxel: CloudVoxel = DEFAULT_CLOUD_VOXEL_M,
     seed: Annotated[int, typer.Option(min=0, metavar="N", help="Draws start, noise and every choice.")] = 1,
     time_limit: Annotated[float, typer.Option(min=1.0, metavar="SECONDS", help="Of the exploring.")] = 1200.0,
     boot_s: Annotated[
@@ -53,6 +58,7 @@ def fly(
         personality=personality,
         gps=not no_gps,
         world=world,
+        mesh=spelled(Reading(scale, up, cloud_voxel)),
         seed=seed,
         time_limit_s=time_limit,
         autopilot=() if boot_s is None else ("--boot-s", f"{boot_s:g}"),
@@ -60,6 +66,8 @@ def fly(
     )
     typer.echo("starting the autopilot and the world (the first time on a computer takes about a minute)")
     with patient(), Crew(plan) as crew:
+        for line in crew.about_the_mine():
+            typer.echo(line)
         if not real:
             typer.echo(
                 f"faults: send takeover, battery PERCENT or gps on|off to UDP port {crew.control_port} on loopback"

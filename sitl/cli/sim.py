@@ -12,10 +12,14 @@ from companion.cli.interruption import finishing
 from companion.cli.options import Config, Preset
 from companion.config.load import load
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
+from sitl.cli.mesh_options import DEFAULT_CLOUD_VOXEL_M, CloudVoxel, Scale, UpAxis
 from sitl.mines import load_world
+from sitl.mines.placing import Reading
 from sitl.report.run_folder import default_folder, new_folder, write_run
 from sitl.sim.display import Display, clock
 from sitl.sim.simulation import Simulation
+
+PREPARING = "preparing the mine (the very first flight compiles the fast parts, about a minute)"
 
 
 class UnwrittenError(CompanionError):
@@ -40,8 +44,13 @@ def simulate(
     vehicles: Annotated[int, typer.Option(min=1, metavar="N", help="How many fly in the mine.")] = 1,
     start: Annotated[
         tuple[float, float, float, float] | None,
-        typer.Option(metavar="X Y Z YAW", help="Start pose, in m and rad, instead of the world's own."),
+        typer.Option(
+            metavar="X Y Z YAW", help="Start pose, in m (a mesh: its own unit and origin) and rad, not the world's own."
+        ),
     ] = None,
+    scale: Scale = None,
+    up: UpAxis = None,
+    cloud_voxel: CloudVoxel = DEFAULT_CLOUD_VOXEL_M,
 ) -> None:
     """Fly a mission in a simulated mine and bring home its map.
 
@@ -59,15 +68,20 @@ def simulate(
             f"--vehicles {vehicles}: fleet.largest_group = {settings.fleet.largest_group} is the most that the height "
             "layers have room for; allow more there, with control.vertical_margin_m small enough"
         )
+    reading = Reading(scale, up, cloud_voxel)
     target = default_folder(world, seed) if out is None else out
     began = False
     try:
         with new_folder(target) as folder:
             began = True
-            with console.status("preparing the mine (the very first flight compiles the fast parts, about a minute)"):
-                mine = load_world(world, seed, start)
-                simulation = Simulation(mine, settings, seed, vehicles)
-            console.print(f"{mine.name}: {mine.description}", highlight=False)
+            with console.status(PREPARING) as status:
+                mine = load_world(world, seed, start, reading)
+                simulation = Simulation(
+                    mine, settings, seed, vehicles, lambda text: status.update(f"{PREPARING}: {text}")
+                )
+            console.print(f"{mine.name}: {mine.description}", highlight=False, markup=False)
+            for remark in simulation.remarks:
+                console.print(f"  {remark}", highlight=False, soft_wrap=True, markup=False)
             failure = _fly(simulation, limit_s, console)
             with console.status("writing map and report"), finishing("writing map and report"):
                 summary = write_run(folder, simulation, loaded.preset, config)

@@ -15,6 +15,8 @@ from companion.cli.options import Config, Preset
 from companion.clock import MonotonicClock
 from companion.config.load import load
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
+from sitl.cli.mesh_options import DEFAULT_CLOUD_VOXEL_M, CloudVoxel, Scale, UpAxis
+from sitl.mines.placing import Reading
 from sitl.world.connection import PeerUrl
 from sitl.world.mavlink_out import Feed, LocalFrame
 from sitl.world.odometry import Align, OdometrySettings
@@ -56,8 +58,14 @@ def world(
     ] = "tcp://127.0.0.1:14600",
     start: Annotated[
         tuple[float, float, float, float] | None,
-        typer.Option(metavar="X Y Z YAW", help="Start in m and rad, instead of the world's own; stands on the floor."),
+        typer.Option(
+            metavar="X Y Z YAW",
+            help="Start in m (a mesh: its own unit and origin) and rad, not the world's own; stands on the floor.",
+        ),
     ] = None,
+    scale: Scale = None,
+    up: UpAxis = None,
+    cloud_voxel: CloudVoxel = DEFAULT_CLOUD_VOXEL_M,
     vehicle: Annotated[int, typer.Option(min=1, metavar="K", help=f"Which of several {SEVERAL}.")] = 1,
     config: Config = None,
     preset: Preset = None,
@@ -162,6 +170,7 @@ def world(
         raise InputError("--start: must be four finite numbers, x y z in m and yaw in rad")
     if vehicle > 1 and start is not None:
         raise InputError(f"--vehicle {vehicle} with --start: give each its own --start, without --vehicle")
+    reading = Reading(scale, up, cloud_voxel)
     settings = load(config, preset).settings
     console = Console()
 
@@ -169,7 +178,9 @@ def world(
         console.print(text, highlight=False, soft_wrap=True, markup=False)
 
     with console.status("preparing the mine (the very first time compiles the fast parts, about half a minute)"):
-        scene = Scene.load(world, seed, start, settings, vehicle)
+        scene = Scene.load(world, seed, start, settings, vehicle, reading)
+        for remark in scene.remarks:
+            say(remark)
         server = WorldServer(scene, settings, seed, plan, MonotonicClock(), say)
     asyncio.run(server.run())
     say(server.summary())

@@ -39,6 +39,7 @@ class FlightPlan:
         personality: px4 or ardupilot.
         gps: False: external odometry only.
         world: as for `companion sim`.
+        mesh: options that say how its file is to be read.
         seed: draws the start, the noise and the choices.
         time_limit_s: of the exploring.
         preset: of the application.
@@ -54,6 +55,7 @@ class FlightPlan:
     personality: str = "px4"
     gps: bool = True
     world: str = "room"
+    mesh: Sequence[str] = ()
     seed: int = 1
     time_limit_s: float = 1200.0
     preset: str = "flight"
@@ -112,6 +114,11 @@ class Crew:
         for one in self._running:
             one.check()
 
+    def about_the_mine(self) -> list[str]:
+        """What the world said of its mine before it served."""
+        lines = self.world.said().splitlines()
+        return lines[: next((k for k, line in enumerate(lines) if WORLD_SERVES in line), 0)]
+
     def application(self, *options: str) -> list[str]:
         """The command that flies: it becomes the gate, and the application is its child."""
         return [*command("run"), "--config", str(self.config), "--seed", str(self.plan.seed), *options]
@@ -134,7 +141,7 @@ class Crew:
         to = [f"127.0.0.1:{port}" for port in (ports.application, ports.ground, ports.world)]
         options = (
             *("--personality", plan.personality, "--seed", str(plan.seed)),
-            *("--world", plan.world, "--preset", plan.preset),
+            *("--world", plan.world, *plan.mesh, "--preset", plan.preset),
             *("--control", str(self.control_port)),
             *(part for address in to for part in ("--to", address)),
             *([] if plan.gps else ["--no-gps"]),
@@ -145,7 +152,7 @@ class Crew:
     def _world(self) -> Program:
         plan = self.plan
         options = (
-            *("--world", plan.world, "--seed", str(plan.seed), "--preset", plan.preset),
+            *("--world", plan.world, *plan.mesh, "--seed", str(plan.seed), "--preset", plan.preset),
             *("--truth", f"udp://127.0.0.1:{self.ports.world}", "--stream", self._stream_url),
             *("--control", str(self.world_port)),
             *("--score", str(self.score_file), "--trajectory", str(plan.folder / "truth.csv")),

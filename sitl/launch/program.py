@@ -93,7 +93,7 @@ class Running:
             CrewError: it ended, or did not say it in time.
         """
         give_up_s = time.monotonic() + timeout_s
-        while self.program.serves not in self._said():
+        while self.program.serves not in self.said():
             self.check("did not start")
             if time.monotonic() > give_up_s:
                 raise CrewError(f"the process {self.program.name} was not ready in {timeout_s:g} s: {self.words()}")
@@ -106,7 +106,7 @@ class Running:
 
     def words(self) -> str:
         """The last that it said."""
-        return self._said().strip()[-SAID:] or "none"
+        return self.said().strip()[-SAID:] or "none"
 
     def ask_to_end(self) -> None:
         """In good order, so that it writes what it knows; `end` waits for it."""
@@ -124,5 +124,6 @@ class Running:
             self.process.kill()
             self.process.wait()
 
-    def _said(self) -> str:
+    def said(self) -> str:
+        """Its log."""
         return self.log.read_text(encoding="utf-8", errors="replace")

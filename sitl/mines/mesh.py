@@ -1,132 +1,97 @@
-"""Worlds from mesh files, and what can be wrong with those."""
+"""Worlds from files with a surface, or with points of one."""
 
 from __future__ import annotations
 
-import contextlib
-import json
-import math
-import os
-import sys
-import tempfile
-from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from companion.errors import InputError
-from companion.model import Pose
+from sitl.mines.closing import CLOSED_VOXELS, TooManyVoxelsError, closed_surface
+from sitl.mines.files import read
 from sitl.mines.model import World
+from sitl.mines.placing import Placed, Reading, placed
+from sitl.mines.start_beside import Start, start_beside, start_pose
 
-SUFFIXES = (".ply", ".stl", ".obj", ".off", ".glb")
-"""The mesh formats that are read."""
+LEAST_POINTS = 1_000
+"""A cloud of fewer is none of a mine."""
 
-_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-_COMPLAINT = "RPly:"
-
-Start = tuple[float, float, float, float]
-"""x, y, z in m and yaw in rad."""
+THIN_POINTS = 3.0
+"""Where the median voxel holds fewer points than this, the voxels are too small for the cloud."""
 
 
-def mesh_world(path: Path, start: Start | None) -> World:
-    """The world in a mesh file: metres, z up (GLB, whose standard is y up, is turned).
+def mesh_world(path: Path, start: Start | None, reading: Reading | None = None) -> World:
+    """The world in a file: a surface, or points whose surface is closed with voxels.
 
     Args:
-        path: a file with one of `SUFFIXES`.
-        start: where the vehicle starts; ``None`` takes it from the JSON file beside the mesh, key ``start`` with ``x``,
-            ``y``, ``z`` and ``yaw``.
+        path: a file with one of `sitl.mines.files.SUFFIXES`.
+        start: where the vehicle starts, in the file's unit and from its origin, z up; ``None`` takes it from the JSON
+            file beside the mesh.
+        reading: unit, axes and voxels, where they are not as the file says.
 
     Raises:
-        InputError: no such file, not a mesh that can be used, or no start for it.
+        InputError: no such file, not one that can be used, no size of a mine, or no start for it.
     """
-    if not path.is_file():
-        raise InputError(f"world {path}: there is no such file")
-    if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"world {path}: not a mesh file that can be read; give one of {', '.join(SUFFIXES)}")
-    where = start if start is not None else _start_beside(path)
-
-    import open3d  # takes 3 s: only those wait who read meshes
-
-    with _silenced(open3d) as said:
-        mesh = open3d.io.read_triangle_mesh(path)
-    vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
-    if said:
-        raise InputError(f"world {path}: the file is damaged or not what its name says: {said[0]}")
-    if len(vertices) == 0:
-        raise InputError(f"world {path}: no mesh can be read: empty, damaged or not what its name says")
-    if len(triangles) == 0:
-        raise InputError(f"world {path}: holds no triangles ({len(vertices)} points); a world must be a surface mesh")
-    if triangles.min() < 0 or triangles.max() >= len(vertices):
-        raise InputError(f"world {path}: a triangle names vertex {triangles.max()} of only {len(vertices)}")
-    broken = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
-    if len(broken) > 0:
+    reading = Reading() if reading is None else reading
+    geometry = read(path)
+    if len(geometry.triangles) == 0 and len(geometry.vertices) < LEAST_POINTS:
         raise InputError(
-            f"world {path}: {len(broken)} of {len(vertices)} vertices are not finite, the first is number {broken[0]}"
+            f"world {path}: holds no triangles ({len(geometry.vertices)} points); a world must be a surface mesh, or a "
+            f"cloud of at least {LEAST_POINTS} points"
         )
-    if path.suffix.lower() == ".glb":
-        vertices = vertices @ _Z_UP.T
+    x, y, z, yaw_rad = start_beside(path) if start is None else start
+    place = placed(path, geometry, reading)
+    at = np.array([x, y, z]) * place.scale - place.origin_m
+    vertices, triangles, remarks = place.vertices_m, geometry.triangles, [*place.remarks, *geometry.remarks]
+    if len(triangles) == 0:
+        vertices, triangles, told = _of_cloud(path, place, reading.cloud_voxel_m)
+        remarks += told
+    elif edges := open_edges(vertices, triangles):
+        remarks.append(f"the surface is open: {edges} of its edges have a triangle on one side only")
     return World(
         path.stem,
         np.ascontiguousarray(vertices, dtype=np.float32),
         np.ascontiguousarray(triangles, dtype=np.int32),
-        start_pose(where),
+        start_pose((float(at[0]), float(at[1]), float(at[2]), yaw_rad)),
         np.empty((0, 3)),
         f"mesh file {path.name}",
+        (float(place.origin_m[0]), float(place.origin_m[1]), float(place.origin_m[2])),
+        tuple(remarks),
     )
 
 
-def start_pose(start: Start) -> Pose:
-    """The pose at rest at ``start``.
-
-    Raises:
-        InputError: a number is not finite.
-    """
-    if not all(map(math.isfinite, start)):
-        raise InputError(f"start {start}: x, y, z and yaw must be finite numbers")
-    x_m, y_m, z_m, yaw_rad = start
-    return Pose(t_s=0.0, x_m=x_m, y_m=y_m, z_m=z_m, yaw_rad=yaw_rad)
-
-
-def _start_beside(path: Path) -> Start:
-    """The start that the JSON file beside a mesh names."""
-    beside = path.with_suffix(".json")
-    if not beside.is_file():
-        raise InputError(
-            f"world {path}: where does the vehicle start? Give a start (x, y, z in m, yaw in rad), or put it into "
-            f'{beside.name} beside the mesh: {{"start": {{"x": 0, "y": 0, "z": 1.5, "yaw": 0}}}}'
-        )
+def _of_cloud(path: Path, place: Placed, voxel_m: float) -> tuple[NDArray[np.float64], NDArray[np.int64], list[str]]:
     try:
-        start = json.loads(beside.read_text(encoding="utf-8"))["start"]
-        return float(start["x"]), float(start["y"]), float(start["z"]), float(start["yaw"])
-    except (ValueError, OSError) as error:
-        raise InputError(f"start in {beside}: cannot be read: {error}") from error
-    except (KeyError, TypeError) as error:
+        closed = closed_surface(place.vertices_m, voxel_m)
+    except TooManyVoxelsError as error:
         raise InputError(
-            f'start in {beside}: expected {{"start": {{"x": m, "y": m, "z": m, "yaw": rad}}}}, all numbers'
-        ) from error
+            f"world {path}: with --cloud-voxel {voxel_m:g}: {error}; give larger ones, or cut out a part"
+        ) from None
+    remarks = [
+        f"points without a surface: {closed.voxels} voxels of {voxel_m:g} m hold some, {closed.filled} more are filled "
+        f"to close gaps of up to {CLOSED_VOXELS * voxel_m:g} m (--cloud-voxel); walls are up to {voxel_m:g} m nearer"
+    ]
+    if closed.points_per_voxel < THIN_POINTS:
+        remarks.append(
+            f"half of the voxels hold {closed.points_per_voxel:g} points or fewer: walls may have holes, larger voxels "
+            "close them"
+        )
+    return closed.vertices_m, closed.triangles, remarks
 
 
-@contextlib.contextmanager
-def _silenced(open3d: ModuleType) -> Iterator[list[str]]:
-    """Keeps the mesh readers from writing to the terminal.
+def open_edges(vertices_m: NDArray[np.float64], triangles: NDArray[np.int64]) -> int:
+    """How many edges have an odd number of triangles at them: none where the surface is closed.
 
-    Open3D has its own level of verbosity; the PLY reader under it writes straight to the standard error stream, and
-    returns what it had read so far as if nothing had happened.
-
-    Yields:
-        a list that holds what the PLY reader complained of, once the block is left.
+    Corners at the same place are one, whatever their number in the file.
     """
-    said: list[str] = []
-    sys.stderr.flush()
-    kept = os.dup(2)
-    with tempfile.TemporaryFile() as scratch:
-        os.dup2(scratch.fileno(), 2)
-        try:
-            with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
-                yield said
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
-            scratch.seek(0)
-            lines = scratch.read().decode(errors="replace").splitlines()
-            said += [line.removeprefix(_COMPLAINT).strip() for line in lines if line.startswith(_COMPLAINT)]
+    # As bits: -0 and 0 are the same place. Two places or edges get the same number once in 2^64.
+    bits = np.ascontiguousarray(vertices_m + 0.0).view(np.uint64)
+    places = bits @ np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
+    places = (places ^ places >> np.uint64(29)) * np.uint64(0xBF58476D1CE4E5B9)
+    places ^= places >> np.uint64(32)
+    corners = places[triangles]
+    edges = np.concatenate([corners[:, k] + corners[:, k - 1] for k in range(3)])
+    edges = np.sort(edges[np.concatenate([corners[:, k] != corners[:, k - 1] for k in range(3)])])
+    first = np.flatnonzero(np.diff(edges, prepend=edges[:1] + np.uint64(1)))
+    return int(np.sum(np.diff(first, append=len(edges)) % 2))

@@ -23,6 +23,8 @@ class World:
         start_area_m: (k, 3) points on the floor along the middle of the drifts, from which a start may be drawn; empty
             for mesh files.
         description: one sentence for people.
+        origin_m: what was taken away from the coordinates of a mesh file far from 0, in m: adding it gives them back.
+        remarks: what people should know of a mesh file: its extent, what was odd, what was left out.
     """
 
     name: str
@@ -31,3 +33,16 @@ class World:
     start: Pose | None
     start_area_m: NDArray[np.float64]
     description: str
+    origin_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    remarks: tuple[str, ...] = ()
+
+    def named(self, x_m: float, y_m: float, z_m: float) -> str:
+        """A place in words, in the coordinates that its file has."""
+        x_0, y_0, z_0 = self.origin_m
+        return f"({x_m + x_0:.2f}, {y_m + y_0:.2f}, {z_m + z_0:.2f})"
+
+    def bounds(self) -> str:
+        """From where to where it reaches, in words, in the coordinates that its file has."""
+        used = self.vertices_m[self.triangles].reshape(-1, 3)
+        low, high = used.min(axis=0) + self.origin_m, used.max(axis=0) + self.origin_m
+        return ", ".join(f"{axis} {a:.2f} to {b:.2f}" for axis, a, b in zip("xyz", low, high, strict=True))

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled
+from companion.errors import InputError
 from sitl.mines.model import World
 
 Array = NDArray[np.float64]
@@ -15,6 +16,10 @@ Points = NDArray[np.float32]
 
 _DENSITY = 8.0
 """How many points are tried for each voxel's worth of surface."""
+
+MOST_TRIED = 2_000_000_000
+"""Of more points the truth would take longer than half a minute. No mine has so much surface within sight, but
+triangles of square kilometres do."""
 
 
 class Surroundings(NamedTuple):
@@ -44,6 +49,16 @@ class Surroundings(NamedTuple):
             near = grown
         return cls(float(low[0]), float(low[1]), near)
 
+    def meet(self, corners: Array) -> NDArray[np.bool_]:
+        """Whether the rectangle around each triangle (m, 3, 3), seen from above, has part of them in it: (m,)."""
+        sums = np.zeros((self.near.shape[0] + 1, self.near.shape[1] + 1), np.int32)
+        np.cumsum(np.cumsum(self.near, axis=0, dtype=np.int32), axis=1, out=sums[1:, 1:])
+        corner_m = np.array([self.west_m, self.south_m])
+        low = np.floor(corners[:, :, :2].min(axis=1) - corner_m)
+        high = np.floor(corners[:, :, :2].max(axis=1) - corner_m) + 1.0
+        (x0, y0), (x1, y1) = (np.clip(edge, 0, self.near.shape).astype(np.int64).T for edge in (low, high))
+        return np.asarray(sums[x1, y1] - sums[x0, y1] - sums[x1, y0] + sums[x0, y0] > 0)
+
     @classmethod
     def everywhere(cls, world: World) -> Surroundings:
         """The whole world."""
@@ -69,14 +84,26 @@ def surface_samples(world: World, voxel_m: float, surroundings: Surroundings | N
 
     Returns:
         (n, 3) float32 points in m, and (n,) float32 how much surface in m² each stands for.
+
+    Raises:
+        InputError: so much surface that `MOST_TRIED` points do not cover it.
     """
     corners = world.vertices_m[world.triangles].astype(np.float64)
     reached = np.floor(np.cumsum(triangle_areas(world)) * (_DENSITY / voxel_m**2)).astype(np.int64)
     part = Surroundings.everywhere(world) if surroundings is None else surroundings
+    within = part.meet(corners)
+    tried = np.diff(reached, prepend=0)[within]
+    if tried.sum() > MOST_TRIED:
+        area_m2 = voxel_m**2 / _DENSITY
+        raise InputError(
+            f"world {world.name}: {tried.sum() * area_m2:.0f} m² of surface around the floor that can be reached, the "
+            f"largest triangle {tried.max() * area_m2:.0f} m²: cut large triangles into smaller ones or the mesh into "
+            f"parts, make mapping.voxel_m = {voxel_m:g} m larger, or, if the unit is not the metre, give --scale"
+        )
     none = np.empty((0, 3), dtype=np.float32)
-    found = _covering(corners, reached, voxel_m, part, none, np.empty((0, 3), dtype=np.int64))
+    found = _covering(corners, within, reached, voxel_m, part, none, np.empty((0, 3), dtype=np.int64))
     points, cells = np.empty((found, 3), dtype=np.float32), np.empty((found, 3), dtype=np.int64)
-    _covering(corners, reached, voxel_m, part, points, cells)
+    _covering(corners, within, reached, voxel_m, part, points, cells)
     order, starts = grouped(cells)
     counts = np.diff(starts, append=len(order))
     return points[_central(points, order, starts, counts)], (counts * (voxel_m**2 / _DENSITY)).astype(np.float32)
@@ -85,6 +112,7 @@ def surface_samples(world: World, voxel_m: float, surroundings: Surroundings | N
 @compiled
 def _covering(
     corners: Array,
+    within: NDArray[np.bool_],
     reached: NDArray[np.int64],
     voxel_m: float,
     part: Surroundings,
@@ -93,7 +121,8 @@ def _covering(
 ) -> int:
     """Points spread evenly over triangles (m, 3, 3), and their voxels; triangles 0 to t get ``reached[t]`` of them.
 
-    Those in ``part`` are written into ``points`` and ``cells`` as far as there is room; returns how many there are.
+    Triangles that are not ``within`` have none in ``part`` and are passed over. Those in ``part`` are written into
+    ``points`` and ``cells`` as far as there is room; returns how many there are.
     """
     # Voxels that no wall at a round coordinate lies on the border of: rounding would put it half into either.
     shift = (0.3719, 0.4217, 0.2911)
@@ -101,6 +130,8 @@ def _covering(
     k = found = 0
     place = np.empty(3)
     for t in range(len(reached)):
+        if not within[t]:
+            k = reached[t]
         while k < reached[t]:
             u, v = k * 0.7548776662466927 % 1.0, k * 0.5698402909980532 % 1.0  # the R2 sequence
             if u + v > 1.0:

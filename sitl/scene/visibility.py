@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +39,16 @@ _GROUP_M = 1.0
 
 _BATCH = 8192
 
+MOST_PLACES = 2_000_000
+"""No more points of S are sought: 30 km of drifts on a grid of 0.25 m, which take 1 GB and a minute."""
+
+Say = Callable[[str], None]
+"""Takes what is being done, for people who wait."""
+
+
+def silent(_text: str) -> None:
+    """Tells nobody."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
@@ -70,6 +81,7 @@ class Truth:
         step_m: float = _STEP_M,
         start_margin_m: float | None = None,
         elevations_rad: tuple[float, float] = EVERYWHERE,
+        say: Say = silent,
     ) -> Truth:
         """The truth for a vehicle that starts at ``start_xyz`` and flies ``height_m`` above ground.
 
@@ -85,17 +97,21 @@ class Truth:
                 1.5 steps, whatever their direction.
             start_margin_m: the margin at the start itself, if the start lies nearer to a wall.
             elevations_rad: the lowest and the highest direction in which the camera sees.
+            say: hears how far this is.
 
         Raises:
-            InputError: the start is not part of S: too near to a wall or to the roof, or not above a floor.
+            InputError: the start is not part of S: too near to a wall or to the roof, or not above a floor; or S or
+                what is seen from it is larger than any mine's.
         """
-        surface = traveling_surface(caster, start_xyz, height_m, margin_m, step_m=step_m, start_margin_m=start_margin_m)
+        surface = traveling_surface(
+            caster, start_xyz, height_m, margin_m, step_m=step_m, start_margin_m=start_margin_m, say=say
+        )
         if len(surface) == 0:
-            x_m, y_m, _ = start_xyz
             raise InputError(
-                f"start ({x_m:.2f}, {y_m:.2f}) in world {world.name}: a vehicle {height_m:.2f} m above the floor there "
-                f"has not {margin_m if start_margin_m is None else start_margin_m:.2f} m of room to every side"
+                f"start {world.named(*start_xyz)} in world {world.name}: a vehicle {height_m:.2f} m above the floor "
+                f"there has not {margin_m if start_margin_m is None else start_margin_m:.2f} m of room to every side"
             )
+        say("looking at what can be seen from there")
         samples, areas = surface_samples(world, voxel_m, Surroundings.of(surface, max_range_m))
         seen = visible_samples(caster, samples, surface, max_range_m, elevations_rad)
         share = float(areas[seen].sum(dtype=np.float64) / triangle_areas(world).sum())
@@ -110,6 +126,7 @@ def traveling_surface(
     step_m: float = _STEP_M,
     max_slope: float = 0.7,
     start_margin_m: float | None = None,
+    say: Say = silent,
 ) -> Array:
     """The points of the traveling surface S (paper Definition 3.1) that can be reached from a start.
 
@@ -125,9 +142,13 @@ def traveling_surface(
         step_m: side of the grid.
         max_slope: greatest rise over run of the ground between neighbours.
         start_margin_m: the same as ``margin_m`` for the start itself, which may lie nearer to a wall.
+        say: hears how much was found.
 
     Returns:
         (k, 3) in m, the start's own point first; k = 0 if the start is not part of S.
+
+    Raises:
+        InputError: more than `MOST_PLACES`.
     """
     origin = np.asarray(start_xyz, dtype=np.float64)
     ground = origin[2] - caster.cast(origin, _DOWN)[0]
@@ -139,7 +160,7 @@ def traveling_surface(
     cells = np.zeros((1, 2), dtype=np.int64)
     looked_at = _Levels()
     looked_at.add(cells, wave[:, 2])
-    found = [wave]
+    found, places = [wave], 1
     while len(wave) > 0:
         parents = np.repeat(wave, 4, axis=0)
         cells = (cells[:, None] + _NEXT).reshape(-1, 2)
@@ -155,6 +176,14 @@ def traveling_surface(
         room = _has_room(caster, there, margin_m)
         cells, wave = cells[room], there[room]
         found.append(wave)
+        places += len(wave)
+        say(f"looking for where it can fly: {places * step_m**2:,.0f} m² so far")
+        if places > MOST_PLACES:
+            raise InputError(
+                f"more than {places * step_m**2:.0f} m² of floor can be reached from the start, more than any mine "
+                "has: cut out a part of the mesh, or close it; if its unit is not the metre, give --scale (0.01 for "
+                "centimetres)"
+            )
     return np.concatenate(found)
 
 

@@ -16,9 +16,9 @@ from companion.config.settings import Settings
 from companion.mapping import VoxelMap
 from sitl.mines import World
 from sitl.scene.raycast import RayCaster
-from sitl.scene.visibility import Truth, accuracy_m, horizontal_clearance, precision
+from sitl.scene.visibility import Say, Truth, accuracy_m, horizontal_clearance, precision, silent
 from sitl.sim.flight import Flight
-from sitl.sim.start import start_poses
+from sitl.sim.start import remarks_on_start, start_poses
 
 COMPLETE_SHARE = 0.99
 """The map counts as complete when this share of what is visible is in it (METHOD: t_f)."""
@@ -52,18 +52,21 @@ class Simulation:
         settings: the whole configuration.
         seed: draws start, sensors, noise and the choices of every vehicle.
         vehicles: how many fly.
+        say: hears how far the preparation is.
 
     Raises:
-        InputError: the start is inside a wall, or there is no room for the vehicles to start.
+        InputError: the start is inside a wall, there is no room for the vehicles to start, or the mine is too large.
     """
 
-    def __init__(self, world: World, settings: Settings, seed: int, vehicles: int = 1) -> None:
+    def __init__(self, world: World, settings: Settings, seed: int, vehicles: int = 1, say: Say = silent) -> None:
         self.world = world
         self.settings = settings
         self.seed = seed
         self.caster = RayCaster(world)
         to_start, *to_flights = np.random.SeedSequence(seed).spawn(1 + vehicles)
         starts = start_poses(world, self.caster, settings, vehicles, np.random.default_rng(to_start))
+        self.remarks = (*world.remarks, *remarks_on_start(world, self.caster))
+        """What people should know of the mine before the vehicle flies."""
         first = starts[0]
         self.truth = Truth.of(
             world,
@@ -77,6 +80,7 @@ class Simulation:
             start_margin_m=settings.control.critical_margin_m,
             # Roofs that the camera never looks up to would leave every map of a high mine incomplete for ever.
             elevations_rad=settings.sensors.camera.elevations_rad(),
+            say=say,
         )
         self.flights = tuple(
             Flight(number, world, self.caster, settings, start, flight_seed)
@@ -144,6 +148,8 @@ class Simulation:
         sim_time_s = round(self.t_s, 3)
         return {
             "world": self.world.name,
+            "origin_m": list(self.world.origin_m),
+            "remarks": list(self.remarks),
             "seed": self.seed,
             "vehicles": len(self.flights),
             "completeness": _rounded(self.completeness, 5),

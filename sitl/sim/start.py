@@ -13,6 +13,14 @@ from sitl.mines.model import World
 from sitl.scene.raycast import RayCaster
 from sitl.scene.visibility import horizontal_clearance
 
+FARTHEST_M = 50.0
+"""No sensor of the vehicle would see a surface that is further from the start than this."""
+
+UNDER_M = 0.01
+"""Another surface under the floor is looked for from here on."""
+
+_DOWN = np.array([0.0, 0.0, -1.0])
+
 
 def start_poses(
     world: World, caster: RayCaster, settings: Settings, vehicles: int, rng: np.random.Generator
@@ -54,18 +62,35 @@ def start_poses(
 
 
 def check_start(world: World, caster: RayCaster, pose: Pose, radius_m: float) -> None:
-    """Checks that a vehicle of ``radius_m`` fits at ``pose`` and is inside the world.
+    """Checks that a vehicle of ``radius_m`` fits at ``pose`` and has ground below it.
 
     Raises:
-        InputError: it touches the surface, or there is no floor below or no roof above it.
+        InputError: it touches the surface, there is no floor below it, or the surface is further than any mine's.
     """
-    where = f"start ({pose.x_m:.2f}, {pose.y_m:.2f}, {pose.z_m:.2f}) in world {world.name}"
+    where = f"start {world.named(pose.x_m, pose.y_m, pose.z_m)} in world {world.name}"
     point = np.array([pose.x_m, pose.y_m, pose.z_m])
-    down_m, up_m = caster.cast(point, np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]))
-    if not np.isfinite(down_m):
-        raise InputError(f"{where}: outside, there is no floor below it")
-    if not np.isfinite(up_m):
-        raise InputError(f"{where}: outside, there is no roof above it")
     distance_m = float(caster.distance(point[None])[0])
+    if distance_m > FARTHEST_M:
+        raise InputError(
+            f"{where}: the nearest surface is {distance_m:.0f} m away, it is at {world.bounds()}. If the unit of the "
+            "mesh is not the metre, give --scale (0.01 for centimetres, 0.001 for millimetres)"
+        )
+    if not np.isfinite(caster.cast(point, _DOWN)[0]):
+        raise InputError(f"{where}: outside, there is no floor below it; the surface is at {world.bounds()}")
     if distance_m < radius_m:
         raise InputError(f"{where}: the nearest surface is {distance_m:.2f} m away, the vehicle needs {radius_m:.2f} m")
+
+
+def remarks_on_start(world: World, caster: RayCaster) -> tuple[str, ...]:
+    """What people should know of a world's own start: that it is under the open sky, if it is."""
+    if world.start is None:
+        return ()
+    point = np.array([world.start.x_m, world.start.y_m, world.start.z_m])
+    down_m, up_m = caster.cast(point, np.stack([_DOWN, -_DOWN]))
+    if np.isfinite(up_m):
+        return ()
+    told = "no roof above the start: what is open to the sky is flown in as well"
+    under_m = UNDER_M + float(caster.cast(point + _DOWN * (down_m + UNDER_M), _DOWN)[0])
+    if np.isfinite(under_m):
+        told += f"; {under_m:.1f} m under the floor is another surface: is the start on top of the mine?"
+    return (told,)

@@ -13,9 +13,10 @@ from companion.errors import InputError
 from companion.frames import NedPose, pose_from_ned
 from companion.model import Pose, wrap_rad
 from sitl.mines import World, load_world
-from sitl.mines.mesh import Start
+from sitl.mines.placing import Reading
+from sitl.mines.start_beside import Start
 from sitl.scene.raycast import RayCaster
-from sitl.sim.start import start_poses
+from sitl.sim.start import remarks_on_start, start_poses
 
 log = logging.getLogger(__name__)
 
@@ -29,14 +30,24 @@ class Scene:
 
     Attributes:
         stand: the pose on the floor, the body's underside touching it; level.
+        remarks: what people should know of the mine.
     """
 
     world: World
     caster: RayCaster
     stand: Pose
+    remarks: tuple[str, ...] = ()
 
     @classmethod
-    def load(cls, spec: str, seed: int, start: Start | None, settings: Settings, vehicle: int = 1) -> Scene:
+    def load(
+        cls,
+        spec: str,
+        seed: int,
+        start: Start | None,
+        settings: Settings,
+        vehicle: int = 1,
+        reading: Reading | None = None,
+    ) -> Scene:
         """Loads a world and chooses the start as `companion sim` does with the same seed.
 
         Args:
@@ -45,19 +56,23 @@ class Scene:
             start: x, y, z in m and yaw in rad of the hovering vehicle; it stands on the floor below.
             settings: the whole configuration.
             vehicle: which one of several that start side by side, from 1.
+            reading: how a mesh file is to be read.
 
         Raises:
             InputError: no such world, no room to start, or no floor under it.
         """
-        world = load_world(spec, seed, start)
+        world = load_world(spec, seed, start, reading)
         caster = RayCaster(world)
         to_start = np.random.SeedSequence(seed).spawn(1)[0]
         hover = start_poses(world, caster, settings, vehicle, np.random.default_rng(to_start))[vehicle - 1]
         floor_m = hover.z_m - float(caster.cast(np.array([hover.x_m, hover.y_m, hover.z_m]), np.array([0, 0, -1.0]))[0])
         if not math.isfinite(floor_m):
-            raise InputError(f"start ({hover.x_m:.2f}, {hover.y_m:.2f}) in world {world.name}: no floor below it")
+            raise InputError(
+                f"start {world.named(hover.x_m, hover.y_m, hover.z_m)} in world {world.name}: no floor below it"
+            )
         stand_m = floor_m + settings.vehicle.body_height_m / 2.0
-        return cls(world, caster, Pose(0.0, hover.x_m, hover.y_m, stand_m, hover.yaw_rad))
+        stand = Pose(0.0, hover.x_m, hover.y_m, stand_m, hover.yaw_rad)
+        return cls(world, caster, stand, (*world.remarks, *remarks_on_start(world, caster)))
 
 
 class Placer:

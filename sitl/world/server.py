@@ -161,6 +161,7 @@ class WorldServer:
         scene, stand = self._scene, self._scene.stand
         return {
             "world": scene.world.name,
+            "origin_m": list(scene.world.origin_m),
             "seed": self._seed,
             "system_id": self._plan.system_id,
             "ended_because": self.ended_because or None,

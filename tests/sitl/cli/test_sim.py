@@ -219,12 +219,29 @@ class TestEnd:
         row = dict(zip(heading.split(","), first.split(","), strict=True))
         assert [float(row[name]) for name in ("x_m", "y_m", "z_m", "yaw_rad")] == [3.0, 4.0, 1.5, 0.5]
 
+    @pytest.mark.usefixtures("short_report")
+    def test_a_mesh_in_millimetres_far_away(self, tmp_path: Path) -> None:
+        """Protects the way back to a survey's coordinates: the shift is said, and kept in the summary."""
+        mesh = off_file(tmp_path / "hall.off", box((0.0, 0.0, 0.0), (8.0, 8.0, 3.0)), 1000.0, (5e8, 6e9, 0))
+        done = fly(tmp_path, "--world", str(mesh), "--scale", "0.001", "--time-limit", "0.5",
+                   "--start", "500003000", "6000004000", "1500", "0.5")  # fmt: skip
+        assert done.code == 1, done.err
+        assert done.summary["origin_m"] == [500_000.0, 6_000_000.0, 0.0]
+        assert "12 triangles, 8 x 8 x 3 m (x 500000.00 to 500008.00" in done.out
+        assert "500000, 6000000, 0 m is the origin" in done.out
+        trajectory = (done.folder / "trajectory.csv").read_text(encoding="utf-8").splitlines()
+        row = dict(zip(trajectory[0].split(","), trajectory[1].split(","), strict=True))
+        assert [float(row[name]) for name in ("x_m", "y_m", "z_m")] == pytest.approx([3.0, 4.0, 1.5])
+        assert done.folder.joinpath("map.bt").is_file()
 
-def off_file(path: Path, world: object) -> Path:
-    """The mesh of a world as an OFF file."""
+
+def off_file(path: Path, world: object, factor: float = 1.0, shift: tuple[float, float, float] = (0, 0, 0)) -> Path:
+    """The mesh of a world as an OFF file, in another unit and elsewhere if wanted."""
     vertices, triangles = getattr(world, "vertices_m"), getattr(world, "triangles")  # noqa: B009
     lines = ["OFF", f"{len(vertices)} {len(triangles)} 0"]
-    lines += [" ".join(f"{x:g}" for x in vertex) for vertex in vertices.tolist()]
+    lines += [
+        " ".join(f"{factor * x + d:.12g}" for x, d in zip(vertex, shift, strict=True)) for vertex in vertices.tolist()
+    ]
     lines += [" ".join(map(str, [3, *triangle])) for triangle in triangles.tolist()]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
@@ -256,6 +273,11 @@ class TestWrongInput:
         if name != "missing.ply":
             (tmp_path / name).write_text("" if "empty" in name else "this is no mesh\n", encoding="utf-8")
         assert name in self.refused(tmp_path, "--world", str(tmp_path / name), "--start", "0", "0", "1.5", "0")
+
+    @pytest.mark.parametrize("options", [("--scale", "0"), ("--scale", "2"), ("--cloud-voxel", "9"), ("--up", "y")])
+    def test_what_is_for_mesh_files_only_or_out_of_bounds(self, tmp_path: Path, options: tuple[str, ...]) -> None:
+        """Protects from options that would be passed over in silence."""
+        assert options[0] in self.refused(tmp_path, "--world", "room", *options)
 
     @pytest.mark.parametrize("start", [("-1", "1.8", "1.5", "0"), ("2", "0.1", "1.5", "0"), ("2", "1.8", "nan", "0")])
     def test_a_start_inside_a_wall(self, tmp_path: Path, start: tuple[str, ...]) -> None:

@@ -10,7 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from sitl.launch.processes import odometry_options, run_to_its_end, with_odometry
+from companion.config.settings import Settings
+from sitl.cli.mesh_options import spelled
+from sitl.launch.processes import WORLD_SERVES, Crew, FlightPlan, odometry_options, run_to_its_end, with_odometry
+from sitl.launch.program import Program, Running
+from sitl.mines.placing import Reading
 
 STATION = {"url": "udpout://127.0.0.1:14550", "may": "command"}
 
@@ -29,6 +33,24 @@ def test_odometry_through_the_gate_arrives_where_the_gate_listens() -> None:
     assert one == {"url": "udpin://127.0.0.1:14777", "may": "odometry"}
     options = odometry_options("px4", 14777)
     assert options[options.index("--odometry-to") + 1] == one["url"].replace("udpin", "udpout")
+
+
+def test_autopilot_and_world_read_a_mesh_alike(tmp_path: Path) -> None:
+    """Protects from a vehicle that stands on a floor a thousand times as far away as the one that it is shown."""
+    crew = Crew(FlightPlan(tmp_path, world="mm.ply", mesh=spelled(Reading(scale=0.001, up="y"))))
+    for program in (crew._autopilot(Settings()), crew._world()):
+        given = list(program.arguments)
+        assert given[given.index("--world") + 1] == "mm.ply"
+        assert given[given.index("--scale") + 1] == "0.001"
+        assert given[given.index("--up") + 1] == "y"
+
+
+def test_what_the_world_says_of_its_mine_is_told(tmp_path: Path) -> None:
+    crew = Crew(FlightPlan(tmp_path))
+    crew.world = Running(Program("world", ["true"], WORLD_SERVES), tmp_path)
+    crew.world.process.wait()
+    crew.world.log.write_text(f"12 triangles\nfar from 0\nroom: ...; {WORLD_SERVES} at udp\nmore\n", encoding="utf-8")
+    assert crew.about_the_mine() == ["12 triangles", "far from 0"]
 
 
 def test_who_is_attached_already_stays_attached() -> None:

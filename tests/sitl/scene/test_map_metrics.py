@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import time
 
 import numpy as np
 import pytest
@@ -13,8 +14,9 @@ from companion.config.mapping import MapSettings
 from companion.errors import InputError
 from companion.mapping import VoxelMap
 from sitl.mines import World, load_world
+from sitl.scene import visibility
 from sitl.scene.raycast import RayCaster
-from sitl.scene.surface import surface_samples
+from sitl.scene.surface import Surroundings, surface_samples
 from sitl.scene.visibility import (
     Truth,
     _Levels,
@@ -181,7 +183,7 @@ def test_a_start_nearer_to_a_wall_than_the_margin_counts_only_if_that_is_allowed
 def test_a_start_outside_gives_no_surface_and_no_truth() -> None:
     world, caster = scene("room")
     assert len(traveling_surface(caster, (2.0, 9.0, 1.0), height_m=1.0, margin_m=0.5)) == 0
-    with pytest.raises(InputError, match=r"start \(2.00, 9.00\) in world room"):
+    with pytest.raises(InputError, match=r"start \(2.00, 9.00, 1.00\) in world room"):
         Truth.of(world, caster, (2.0, 9.0, 1.0), 1.0, 0.5, 0.2, 10.0)
 
 
@@ -292,3 +294,38 @@ def test_clearance_counts_what_is_beside_any_part_of_the_body() -> None:
     assert horizontal_clearance(caster, at, 0.3)[0] == pytest.approx(1.0, abs=1e-5)
     assert horizontal_clearance(caster, at, 0.2)[0] == pytest.approx(2.0, abs=1e-5)
     assert horizontal_clearance(caster, np.array([[3.0, 2.0, 0.1]]), 0.3)[0] == pytest.approx(2.0, abs=1e-5)
+
+
+def test_triangles_out_of_sight_are_passed_over_and_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    world = together(
+        box((60.0, 60.0, 0.0), (64.0, 64.0, 3.0)),
+        box((0.0, 0.0, 0.0), (8.0, 8.0, 3.0)),
+        box((-90.0, 0, 0), (-80, 9, 3)),
+    )
+    part = Surroundings.of(np.array([[4.0, 4.0, 1.0]]), 6.0)
+    within = part.meet(world.vertices_m[world.triangles].astype(np.float64))
+    assert within.tolist() == [False] * 12 + [True] * 12 + [False] * 12
+    samples, areas = surface_samples(world, 0.2, part)
+    monkeypatch.setattr(Surroundings, "meet", lambda _self, corners: np.ones(len(corners), np.bool_))
+    every, areas_of_every = surface_samples(world, 0.2, part)
+    assert len(samples) > 1000
+    assert (samples.tobytes(), areas.tobytes()) == (every.tobytes(), areas_of_every.tobytes())
+
+
+def test_more_surface_than_any_mine_has_is_refused_before_it_is_covered() -> None:
+    world = box((0.0, 0.0, 0.0), (5000.0, 5000.0, 3.0))
+    began = time.process_time()
+    with pytest.raises(InputError, match=r"m² of surface around.*largest triangle 12500000 m².*--scale"):
+        surface_samples(world, 0.1, Surroundings.of(np.array([[4.0, 4.0, 1.0]]), 10.0))
+    assert time.process_time() - began < 5.0
+
+
+def test_more_floor_than_any_mine_has_is_refused_while_it_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And how much was found is told meanwhile."""
+    monkeypatch.setattr(visibility, "MOST_PLACES", 5_000)
+    caster = RayCaster(box((0.0, 0.0, 0.0), (500.0, 500.0, 3.0)))
+    told: list[str] = []
+    with pytest.raises(InputError, match=r"m² of floor can be reached from the start"):
+        traveling_surface(caster, (250.0, 250.0, 1.0), height_m=1.0, margin_m=1.0, say=told.append)
+    assert len(told) > 10
+    assert told[-1].endswith("m² so far")
