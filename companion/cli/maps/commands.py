@@ -13,6 +13,10 @@ import typer
 Source = Annotated[
     Path, typer.Argument(metavar="MAP", help="A journal (map.journal), a mission's folder, or a .ot or .bt file.")
 ]
+Offset = Annotated[
+    tuple[float, float, float] | None,
+    typer.Option(metavar="X Y Z", help="Where the map's origin is in the coordinates of a .las or .laz, in m."),
+]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")]
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Inspect, convert, merge and view maps.")
@@ -44,16 +48,24 @@ def export(
         tuple[float, float, float, float, float, float] | None,
         typer.Option(metavar="X0 Y0 Z0 X1 Y1 Z1", help="Only what is in this box, in m, in whole voxels."),
     ] = None,
+    crs: Annotated[
+        str | None,
+        typer.Option(metavar="EPSG:NNNN", help="Coordinate system that a .las or .laz says it is in; east, north, up."),
+    ] = None,
+    offset: Offset = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Write a map in other formats; the suffix says which.
+
+    A .las or .laz lies at --offset, where the map's origin is in surveyed coordinates; where nothing is said, at
+    world.origin_m of the summary.json beside the map, if it has that. The other formats keep the map's own coordinates.
 
     Each file is written whole or not at all. The exit code is 0 when all are written, 1 when one cannot be, 2 for wrong
     input, 130 after Ctrl-C.
     """
     from companion.cli.maps.export import export_map
 
-    export_map(source, targets, mesh=mesh, box_m=box, overwrite=overwrite)
+    export_map(source, targets, mesh=mesh, box_m=box, crs=crs, offset_m=offset, overwrite=overwrite)
 
 
 @app.command()

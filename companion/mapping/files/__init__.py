@@ -14,6 +14,7 @@ from typing import BinaryIO
 
 from companion.mapping.files.clouds import write_las, write_laz, write_pcd, write_ply
 from companion.mapping.files.export import Export, MapFileError
+from companion.mapping.files.georeference import Georeference
 from companion.mapping.files.mesh import write_mesh
 from companion.mapping.files.octree import write_bt, write_ot
 from companion.mapping.files.octree_read import open_octree
@@ -33,6 +34,9 @@ FORMATS: dict[str, Callable[[Export, BinaryIO, Progress], None]] = {
 
 OF_A_MISSION = ("ply", "pcd", "laz", "bt")
 """What is brought home. The last may fail where the others do not: a map can be too large for it."""
+
+GEOREFERENCED = ("las", "laz")
+"""Formats with coordinates of the size that surveyors use, and a place for what they are."""
 
 _OCTREES = (".bt", ".ot")
 
@@ -63,7 +67,13 @@ def open_map(path: Path, progress: Progress = silent) -> MapSource:
     return open_octree(path, progress)
 
 
-def write(source: MapSource, path: Path, progress: Progress = silent, created: date | None = None) -> None:
+def write(
+    source: MapSource,
+    path: Path,
+    progress: Progress = silent,
+    created: date | None = None,
+    georeference: Georeference | None = None,
+) -> None:
     """Write a map in the format that the suffix of ``path`` names.
 
     Args:
@@ -71,6 +81,7 @@ def write(source: MapSource, path: Path, progress: Progress = silent, created: d
         path: the file; its folder must be there.
         progress: takes the share of the work done, 0 to 1, from time to time.
         created: the day that the file is to bear, where the format has a place for one.
+        georeference: where the map lies, where the format can hold it (`GEOREFERENCED`); None: at its own origin.
 
     Raises:
         MapFileError: the suffix is none of `FORMATS`, or the format cannot hold the map.
@@ -80,7 +91,7 @@ def write(source: MapSource, path: Path, progress: Progress = silent, created: d
     if format_ not in FORMATS:
         known = ", ".join(f".{name}" for name in FORMATS)
         raise MapFileError(f"{path}: the suffix {path.suffix!r} names no format of a map; give one of {known}")
-    _write(Export.of(source, created, progress), format_, path, progress)
+    _write(Export.of(source, created, progress, georeference), format_, path, progress)
 
 
 def write_map(source: MapSource, folder: Path, created: date | None = None) -> dict[str, Path]:
@@ -108,4 +119,15 @@ def _write(export: Export, format_: str, path: Path, progress: Progress) -> None
         FORMATS[format_](export, file, progress)
 
 
-__all__ = ["FORMATS", "OF_A_MISSION", "MapFileError", "Progress", "open_map", "write", "write_map", "write_mesh"]
+__all__ = [
+    "FORMATS",
+    "GEOREFERENCED",
+    "OF_A_MISSION",
+    "Georeference",
+    "MapFileError",
+    "Progress",
+    "open_map",
+    "write",
+    "write_map",
+    "write_mesh",
+]

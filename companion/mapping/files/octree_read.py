@@ -39,7 +39,7 @@ _MOST_MAP_CHUNKS = 2**20
 """Of a whole map: ten times a tunnel of 10 km. A few bytes can claim all of OctoMap's cube, 7e10 chunks."""
 
 _VALUE_BYTES = {"OcTree": 4, "ColorOcTree": 7}
-"""Of a node in ``.ot``, by the kind of tree: its log-odds, and its colour, which is passed over. A ``.bt`` has neither."""
+"""Of a node in ``.ot``, by the kind of tree: log-odds, and a colour, which is passed over. ``.bt`` has neither."""
 
 _PROBLEMS = {
     TOO_DEEP: f"a node below the voxels, deeper than {CHUNK_LEVEL + 4} levels",

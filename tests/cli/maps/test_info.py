@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import pytest
 
 from companion.cli.maps import view as look
+from companion.cli.maps.extra import EXTRA
 from tests.cli.maps.conftest import Run, journal_at, tree
 
 
@@ -120,7 +121,7 @@ def test_a_missing_extra_is_named(run: Run, mission: Path, tmp_path: Path, monke
     for arguments in ((mission,), (mission, "--picture", tmp_path / "a.png")):
         code, _, errors = run("view", *arguments)
         assert code == 1
-        assert f"needs pip install '{look.EXTRA}'" in errors
+        assert f"needs pip install '{EXTRA}'" in errors
         assert errors.count("\n") == 1
 
 
