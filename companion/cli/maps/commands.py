@@ -10,12 +10,28 @@ from typing import Annotated
 
 import typer
 
+from companion.cli.options import AsJson
+
 Source = Annotated[
-    Path, typer.Argument(metavar="MAP", help="A journal (map.journal), a mission's folder, or a .ot or .bt file.")
+    Path,
+    typer.Argument(
+        metavar="MAP",
+        help="A journal (map.journal), a mission's folder, a .ot or .bt file, or a point cloud: .ply .pcd .las .laz.",
+    ),
 ]
 Offset = Annotated[
     tuple[float, float, float] | None,
-    typer.Option(metavar="X Y Z", help="Where the map's origin is in the coordinates of a .las or .laz, in m."),
+    typer.Option(
+        metavar="X Y Z",
+        help="Where the map's origin is in the coordinates of point clouds, in m: taken from those that are read, "
+        "added to a .las or .laz that is written.",
+    ),
+]
+Voxel = Annotated[
+    float | None,
+    typer.Option(
+        min=0.001, max=100.0, metavar="M", help="Edge of the voxels that points are put into, in m; else 0.1."
+    ),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")]
 
@@ -23,17 +39,18 @@ app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Inspect, co
 
 
 @app.command()
-def info(
-    source: Source, as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False
-) -> None:
+def info(source: Source, as_json: AsJson = False, voxel: Voxel = None, offset: Offset = None) -> None:
     """Print what a map holds: size, sensor model, bounds, volume, surface, damage.
+
+    Of a point cloud a voxel with a point in it is occupied; what is free is not known.
 
     The exit code is 0 also when a part of the map was damaged and is lost: the table says so. It is 2 when the source
     is no map.
     """
+    from companion.cli.maps.clouds import CloudOptions
     from companion.cli.maps.info import show_info
 
-    typer.echo(show_info(source, as_json=as_json))
+    typer.echo(show_info(source, CloudOptions(voxel, offset), as_json=as_json))
 
 
 @app.command()
@@ -53,6 +70,7 @@ def export(
         typer.Option(metavar="EPSG:NNNN", help="Coordinate system that a .las or .laz says it is in; east, north, up."),
     ] = None,
     offset: Offset = None,
+    voxel: Voxel = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Write a map in other formats; the suffix says which.
@@ -63,26 +81,32 @@ def export(
     Each file is written whole or not at all. The exit code is 0 when all are written, 1 when one cannot be, 2 for wrong
     input, 130 after Ctrl-C.
     """
+    from companion.cli.maps.clouds import CloudOptions
     from companion.cli.maps.export import export_map
 
-    export_map(source, targets, mesh=mesh, box_m=box, crs=crs, offset_m=offset, overwrite=overwrite)
+    clouds = CloudOptions(voxel, offset)
+    export_map(source, targets, mesh=mesh, box_m=box, crs=crs, clouds=clouds, overwrite=overwrite)
 
 
 @app.command()
 def merge(
     sources: Annotated[list[Path], typer.Argument(metavar="MAP MAP...", help="Two maps or more, as for info.")],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="TARGET", help="New folder NAME.journal, or a .ot file.")],
+    voxel: Voxel = None,
+    offset: Offset = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Add several maps of the same place into one.
 
     What the maps say of a voxel is added, then clamped; the order does not matter. They must have the same voxel size,
-    frame and clamps. The exit code is 0 when the map is written, 1 when it cannot be, 2 when the maps do not go
+    frame and clamps. Points of a cloud count as occupied for certain, and go into the voxels of the others. The exit
+    code is 0 when the map is written, 1 when it cannot be, 2 when the maps do not go
     together or the input is wrong, 130 after Ctrl-C.
     """
+    from companion.cli.maps.clouds import CloudOptions
     from companion.cli.maps.merge import merge_maps
 
-    merge_maps(sources, out, overwrite=overwrite)
+    merge_maps(sources, out, CloudOptions(voxel, offset), overwrite=overwrite)
 
 
 @app.command()
@@ -98,15 +122,19 @@ def view(
     picture: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Draw plan and sections into a file instead.")
     ] = None,
+    voxel: Voxel = None,
+    offset: Offset = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Show a map in a browser, or draw it into a picture.
 
     The page needs no network beyond this machine. Ctrl-C ends it, with the exit code 130.
     """
+    from companion.cli.maps.clouds import CloudOptions
     from companion.cli.maps.view import draw_picture, show_in_browser
 
+    clouds = CloudOptions(voxel, offset)
     if picture is not None:
-        draw_picture(source, picture, overwrite=overwrite)
+        draw_picture(source, picture, clouds, overwrite=overwrite)
     else:
-        show_in_browser(source, host, port, points)
+        show_in_browser(source, host, port, points, clouds)

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import typer
 
+from companion.cli.maps.clouds import CloudOptions
 from companion.cli.maps.progress import Progress
 from companion.cli.maps.sources import opened, refuse_target, write_errors
 from companion.cli.maps.surveyed import georeference
 from companion.errors import InputError
 from companion.mapping.files import FORMATS, write
-from companion.mapping.files.georeference import Place
 from companion.mapping.files.merge import Box, ClippedMap
 from companion.mapping.files.mesh import MESH_FORMATS, write_mesh
 from companion.mapping.voxels.chunks import NOTHING
@@ -25,7 +25,7 @@ def export_map(
     mesh: bool,
     box_m: Box | None,
     crs: str | None,
-    offset_m: Place | None,
+    clouds: CloudOptions,
     overwrite: bool,
 ) -> None:
     """Write a map into files; all names are checked before the first is written.
@@ -40,8 +40,9 @@ def export_map(
         refuse_target(target, [source], overwrite=overwrite)
     if len({target.resolve() for target in targets}) < len(targets):
         raise InputError("the same target is given twice")
-    where = georeference(source, targets, crs, offset_m)
-    with opened(source) as whole:
+    clouds.refuse_if_no_use([source], targets)
+    where = georeference(source, targets, crs, clouds.offset_m)
+    with opened(source, clouds.reading()) as whole:
         part = whole if box_m is None else _inside(whole, box_m)
         most = _most(part)
         if box_m is not None and most == NOTHING:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import typer
 
+from companion.cli.maps.clouds import holds_place, place_text
 from companion.cli.maps.extra import of_the_extra
 from companion.cli.maps.sources import map_at
 from companion.errors import InputError
@@ -28,21 +29,20 @@ def georeference(source: Path, targets: list[Path], crs: str | None, offset_m: P
         offset_m: the map's origin in it.
 
     Raises:
-        InputError: there is no such system or place, or no target that could hold it.
+        InputError: there is no such system, or no target that could hold it.
+        CompanionError: what knows the systems is not installed.
     """
-    holds = [target for target in targets if target.suffix.lower().removeprefix(".") in GEOREFERENCED]
+    holds = any(map(holds_place, targets))
     if crs is not None and not holds:
         formats = " and ".join(f".{format_}" for format_ in GEOREFERENCED)
         raise InputError(f"--crs {crs}: only {formats} hold a coordinate system; write one of these")
-    if offset_m is not None and not all(map(math.isfinite, offset_m)):
-        raise InputError(f"--offset {_text(offset_m)}: must be three finite numbers, in m")
     with of_the_extra("companion map export --crs"):
         system = None if crs is None else CoordinateSystem.of(crs)
     if not holds:
         return Georeference()
     place_m = offset_m
     if place_m is None and (place_m := _origin_in_summary(map_at(source).parent / SUMMARY_NAME)) is not None:
-        typer.echo(f"the map's origin is at {_text(place_m)} m (origin_m in {SUMMARY_NAME} beside it)", err=True)
+        typer.echo(f"the map's origin is at {place_text(place_m)} m (origin_m in {SUMMARY_NAME} beside it)", err=True)
     found = Georeference(place_m or (0.0, 0.0, 0.0), system)
     if system is not None and (problem := system.problem_at(found.place_m)) is not None:
         typer.echo(problem, err=True)
@@ -57,7 +57,3 @@ def _origin_in_summary(path: Path) -> Place | None:
     except (OSError, ValueError, LookupError, TypeError):
         return None
     return (x_m, y_m, z_m) if all(map(math.isfinite, (x_m, y_m, z_m))) else None
-
-
-def _text(place_m: Place) -> str:
-    return " ".join(f"{part:.15g}" for part in place_m)

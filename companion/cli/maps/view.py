@@ -7,6 +7,7 @@ from pathlib import Path
 
 import typer
 
+from companion.cli.maps.clouds import CloudOptions
 from companion.cli.maps.extra import of_the_extra
 from companion.cli.maps.progress import Progress
 from companion.cli.maps.sources import chunks_seen, map_at, opened, refuse_target, write_errors
@@ -15,7 +16,7 @@ from companion.model import FloatArray
 from companion.viewer.voxels import PackedVoxels, packed, trajectories
 
 
-def draw_picture(source: Path, picture: Path, *, overwrite: bool) -> None:
+def draw_picture(source: Path, picture: Path, clouds: CloudOptions, *, overwrite: bool) -> None:
     """Draw plan and sections into a PNG.
 
     Raises:
@@ -27,13 +28,13 @@ def draw_picture(source: Path, picture: Path, *, overwrite: bool) -> None:
     refuse_target(picture, [source], overwrite=overwrite)
     with of_the_extra("companion map view"):
         from companion.viewer.picture import write_picture
-    bits, ways = _read(source)
+    bits, ways = _read(source, clouds)
     with write_errors(picture), Progress(f"drawing {picture.name}") as progress:
         write_picture(bits, _name(source), list(ways.values()), picture, progress)
     typer.echo(f"{picture}: {picture.stat().st_size:,} bytes")
 
 
-def show_in_browser(source: Path, host: str, port: int, most_points: int) -> None:
+def show_in_browser(source: Path, host: str, port: int, most_points: int, clouds: CloudOptions) -> None:
     """Serve the map as a page until Ctrl-C.
 
     Raises:
@@ -42,7 +43,7 @@ def show_in_browser(source: Path, host: str, port: int, most_points: int) -> Non
     """
     with of_the_extra("companion map view"):
         from companion.viewer.page import serve
-    bits, ways = _read(source)
+    bits, ways = _read(source, clouds)
     with serve(bits, _name(source), ways, host, port, most_points) as page:
         typer.echo(f"{source}: open http://{_reached_at(host)}:{page.port}; Ctrl-C ends it")
         if page.note:
@@ -55,9 +56,10 @@ def _reached_at(host: str) -> str:
     return {"127.0.0.1": "localhost", "0.0.0.0": socket.gethostname()}.get(host, host)  # noqa: S104 - the user asks
 
 
-def _read(source: Path) -> tuple[PackedVoxels, dict[str, FloatArray]]:
+def _read(source: Path, clouds: CloudOptions) -> tuple[PackedVoxels, dict[str, FloatArray]]:
     """A map, and the ways flown that lie beside it."""
-    with opened(source) as voxels, Progress("reading the map") as progress:
+    clouds.refuse_if_no_use([source])
+    with opened(source, clouds.reading()) as voxels, Progress("reading the map") as progress:
         bits = packed(voxels, chunks_seen(voxels, progress))
     return bits, trajectories(map_at(source).parent)
 

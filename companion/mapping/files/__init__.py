@@ -18,6 +18,7 @@ from companion.mapping.files.georeference import Georeference
 from companion.mapping.files.mesh import write_mesh
 from companion.mapping.files.octree import write_bt, write_ot
 from companion.mapping.files.octree_read import open_octree
+from companion.mapping.files.point_cloud import READERS, CloudReading, PointCloudFile, is_point_cloud, open_point_cloud
 from companion.mapping.files.whole import whole_file
 from companion.mapping.journal import Journal
 from companion.mapping.voxels.piece import MapSource, Progress, silent
@@ -41,29 +42,35 @@ GEOREFERENCED = ("las", "laz")
 _OCTREES = (".bt", ".ot")
 
 
-def open_map(path: Path, progress: Progress = silent) -> MapSource:
-    """The map in an OctoMap file (``.bt``, ``.ot``), or in the folder of a journal.
+def open_map(path: Path, progress: Progress = silent, reading: CloudReading | None = None) -> MapSource:
+    """The map in an OctoMap file (``.bt``, ``.ot``), in a point cloud, or in the folder of a journal.
 
-    A ``.bt`` file says only what is free and what is occupied: its voxels get OctoMap's least and greatest log-odds.
+    A ``.bt`` file says only what is free and what is occupied: its voxels get OctoMap's least and greatest log-odds. A
+    point cloud says only what is occupied, and its voxels get the greatest.
 
     Args:
         path: the file or the folder.
         progress: takes the share of it that was read, 0 to 1, from time to time.
+        reading: how the points of a cloud become voxels; None: voxels of the default size, at the file's coordinates.
 
     Raises:
         MapFileError: there is no such map, or the file is damaged: it is read once, from end to end, to know.
         CompanionError: the folder holds no journal that can be read.
+        ModuleNotFoundError: the library that reads the cloud's format is not installed.
         OSError: the file cannot be read.
     """
     if path.is_dir():
         return Journal.read_only(path, progress=progress)
-    if path.suffix.lower() not in _OCTREES:
+    if path.suffix.lower() not in _OCTREES and not is_point_cloud(path):
+        *most, last = (*_OCTREES, *READERS)
         raise MapFileError(
             f"{path}: not a map that can be read; give the folder of a journal (map.journal) or a file that ends in "
-            f"{' or '.join(_OCTREES)}"
+            f"{', '.join(most)} or {last}"
         )
     if not path.exists():
         raise MapFileError(f"{path}: there is no such file")
+    if is_point_cloud(path):
+        return open_point_cloud(path, reading or CloudReading(), progress)
     return open_octree(path, progress)
 
 
@@ -123,9 +130,12 @@ __all__ = [
     "FORMATS",
     "GEOREFERENCED",
     "OF_A_MISSION",
+    "CloudReading",
     "Georeference",
     "MapFileError",
+    "PointCloudFile",
     "Progress",
+    "is_point_cloud",
     "open_map",
     "write",
     "write_map",

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import pytest
 
 from companion.cli.maps import view as look
+from companion.cli.maps.clouds import CloudOptions
 from companion.cli.maps.extra import EXTRA
 from tests.cli.maps.conftest import Run, journal_at, tree
 
@@ -136,5 +137,5 @@ def test_the_address_can_be_typed_into_a_browser(
     pytest.importorskip("viser", reason="pip install mine-companion[ground]")
     page = SimpleNamespace(port=8080, note="", wait=lambda: None)
     monkeypatch.setattr("companion.viewer.page.serve", lambda *_: nullcontext(page))
-    look.show_in_browser(mission, host, 8080, 1000)
+    look.show_in_browser(mission, host, 8080, 1000, CloudOptions())
     assert capsys.readouterr().out == f"{mission}: open http://{typed}:8080; Ctrl-C ends it\n"
