@@ -76,7 +76,7 @@ def pcd_points(path: Path, progress: Progress) -> Iterator[FloatArray]:
         MapFileError: it is damaged or no PCD.
         OSError: it cannot be read.
     """
-    from pypcd4 import PointCloud
+    from pypcd4.pypcd4 import PointCloud
 
     with _named(path, "PCD"):
         cloud = PointCloud.from_path(path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import laspy
 import numpy as np
@@ -38,7 +39,7 @@ def _writer(name: str) -> Callable[[Callable[[Path, FloatArray], object]], None]
     return take
 
 
-def _open3d(path: Path, points: FloatArray, **options: bool) -> None:
+def _open3d(path: Path, points: FloatArray, **options: Any) -> None:
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
     assert open3d.io.write_point_cloud(path, cloud, **options)
 
