@@ -1,4 +1,4 @@
-"""The commands for maps that are files: `companion map info`, `export`, `merge` and `view`.
+"""The commands for maps that are files: `companion map info`, `export`, `merge`, `build` and `view`.
 
 What they need is imported when they run: the help must not wait for it.
 """
@@ -6,11 +6,11 @@ What they need is imported when they run: the help must not wait for it.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-from companion.cli.options import AsJson
+from companion.cli.options import AsJson, Config, Preset
 
 Source = Annotated[
     Path,
@@ -35,7 +35,7 @@ Voxel = Annotated[
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")]
 
-app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Inspect, convert, merge and view maps.")
+app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Inspect, convert, merge, build and view maps.")
 
 
 @app.command()
@@ -107,6 +107,64 @@ def merge(
     from companion.cli.maps.merge import merge_maps
 
     merge_maps(sources, out, CloudOptions(voxel, offset), overwrite=overwrite)
+
+
+@app.command()
+def build(
+    out: Annotated[
+        Path,
+        typer.Argument(metavar="TARGET", help="New folder NAME.journal, or a file: .ot .bt .ply .pcd .las .laz."),
+    ],
+    source: Annotated[
+        Path,
+        typer.Option("--from", metavar="SOURCE", help="A flight's recording (.mcap), or a data set's folder."),
+    ],
+    format_: Annotated[
+        Literal["tum", "7scenes"] | None,
+        typer.Option("--format", help="Of a folder: a sequence of TUM RGB-D or of 7-Scenes."),
+    ] = None,
+    config: Config = None,
+    preset: Preset = None,
+    voxel: Annotated[
+        float | None, typer.Option(metavar="M", help="Edge of a voxel, in m, instead of mapping.voxel_m.")
+    ] = None,
+    max_range: Annotated[
+        float | None,
+        typer.Option(metavar="M", help="Depth that the map believes, in m, instead of mapping.max_range_m."),
+    ] = None,
+    up: Annotated[
+        Literal["x", "y", "z", "-x", "-y", "-z"] | None,
+        typer.Option(help="Axis of the data set's world that points up; else z for tum, -y for 7scenes."),
+    ] = None,
+    intrinsics: Annotated[
+        tuple[float, float, float, float] | None,
+        typer.Option(metavar="FX FY CX CY", help="The camera, in px; else 525 525 319.5 239.5 or 585 585 320 240."),
+    ] = None,
+    depth_scale: Annotated[
+        float | None,
+        typer.Option(min=1.0, max=65535.0, metavar="N", help="Units of the images in a m; else 5000 or 1000."),
+    ] = None,
+    within: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0, max=10.0, metavar="S", help="Of tum: largest time between an image and its pose; else 0.02."
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Make a map of recorded depth images and their poses, with the settings of `mapping`.
+
+    A recording of a flight has its own settings, and its map the axes of that flight's. A sequence of TUM RGB-D has
+    depth.txt and groundtruth.txt, one of 7-Scenes frame-000000.depth.png and frame-000000.pose.txt; poses are those of
+    the camera's optical frame.
+
+    The exit code is 0 when the map is written, 1 when it cannot be, 2 for wrong input, 130 after Ctrl-C.
+    """
+    from companion.cli.maps.build import build_map
+    from companion.cli.maps.readings import DatasetOptions
+
+    options = DatasetOptions(format_, up, intrinsics, depth_scale, within)
+    build_map(out, source, options, config, preset, voxel, max_range, overwrite=overwrite)
 
 
 @app.command()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -12,14 +11,14 @@ from pathlib import Path
 import typer
 
 from companion.cli.maps.clouds import CloudOptions
+from companion.cli.maps.new_journal import put_in_place, refuse_no_journal
 from companion.cli.maps.progress import Progress
 from companion.cli.maps.sources import map_at, opened, refuse_target, write_errors
 from companion.config.mapping import MapSettings
 from companion.errors import InputError
 from companion.mapping.files import PointCloudFile, is_point_cloud, write
 from companion.mapping.files.merge import IndexedMap, MergedMap
-from companion.mapping.journal import JOURNAL_SUFFIX, Header, Journal, JournalError
-from companion.mapping.journal.recovery import lock
+from companion.mapping.journal import JOURNAL_SUFFIX, Header, Journal
 from companion.mapping.voxels.piece import MapSource
 
 TREE_SUFFIX = ".ot"
@@ -42,8 +41,7 @@ def merge_maps(sources: list[Path], out: Path, clouds: CloudOptions, *, overwrit
         raise InputError("the same map is given twice: what it says would count twice")
     refuse_target(out, sources, overwrite=overwrite)
     clouds.refuse_if_no_use(sources)
-    if out.exists() and out.suffix.lower() == JOURNAL_SUFFIX:
-        _refuse_no_journal(out)
+    refuse_no_journal(out)
     with ExitStack() as stack:
         found = {path: stack.enter_context(opened(path)) for path in sources if not is_point_cloud(path)}
         # Points go into the voxels of the maps that they come to.
@@ -114,25 +112,4 @@ def _write_journal(merged: MergedMap, header: Header, folder: Path, out: Path, p
     """Write a journal beside its place, and move it there when it is whole."""
     with Journal.open(folder, header) as journal:
         journal.append_all(merged, lambda taken: progress(taken / len(merged.chunks)))
-    if not out.exists():
-        folder.replace(out)
-        return
-    held = lock(out)
-    old = folder.with_name("old")
-    try:
-        out.replace(old)
-        try:
-            folder.replace(out)
-        except BaseException:
-            old.replace(out)
-            raise
-    finally:
-        os.close(held)
-
-
-def _refuse_no_journal(out: Path) -> None:
-    """Refuse to replace a folder of something else, whatever its name."""
-    try:
-        Journal.read_only(out).close()
-    except JournalError:
-        raise InputError(f"{out}: is there and holds no map; --overwrite replaces maps only") from None
+    put_in_place(folder, out)
