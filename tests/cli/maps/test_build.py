@@ -29,7 +29,7 @@ def _centres_m(path: Path, *, occupied: bool) -> FloatArray:
     for piece in source.pieces():
         known = piece.values >= source.threshold if occupied else (piece.values < 0) & (piece.values != NOTHING)
         row, place = np.nonzero(known)
-        found.append((16 * piece.chunks[row] + OFFSETS[place] + 0.5) * source.voxel_m)
+        found.append(np.asarray((16 * piece.chunks[row] + OFFSETS[place] + 0.5) * source.voxel_m, np.float64))
     if isinstance(source, Journal):
         source.close()
     return np.concatenate(found)
