@@ -18,7 +18,7 @@ from sitl.mines import World
 from sitl.scene.raycast import RayCaster
 from sitl.scene.visibility import Truth, accuracy_m, horizontal_clearance, precision
 from sitl.sim.flight import Flight
-from sitl.sim.start import start_poses
+from sitl.sim.start import check_room, start_poses
 
 COMPLETE_SHARE = 0.99
 """The map counts as complete when this share of what is visible is in it (METHOD: t_f)."""
@@ -65,6 +65,7 @@ class Simulation:
         to_start, *to_flights = np.random.SeedSequence(seed).spawn(1 + vehicles)
         starts = start_poses(world, self.caster, settings, vehicles, np.random.default_rng(to_start))
         first = starts[0]
+        check_room(world, self.caster, first, settings)
         self.truth = Truth.of(
             world,
             self.caster,

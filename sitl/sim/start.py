@@ -11,7 +11,8 @@ from companion.errors import InputError
 from companion.model import Pose
 from sitl.mines.model import World
 from sitl.scene.raycast import RayCaster
-from sitl.scene.visibility import horizontal_clearance
+from sitl.scene.visibility import has_room_above_ground, horizontal_clearance
+from sitl.sim.nearest_start import Room, advice
 
 
 def start_poses(
@@ -26,7 +27,7 @@ def start_poses(
     """
     height_m, margin_m = settings.control.height_m, settings.control.margin_m
     if world.start is not None:
-        check_start(world, caster, world.start, settings.vehicle.body_radius_m)
+        check_start(world, caster, world.start, Room.of(settings))
         if vehicles > 1:
             raise InputError(
                 f"world {world.name} has one start pose, which {vehicles} vehicles cannot share: fly several in a "
@@ -53,19 +54,45 @@ def start_poses(
     raise InputError(f"world {world.name} has no room for {vehicles} vehicles to start")
 
 
-def check_start(world: World, caster: RayCaster, pose: Pose, radius_m: float) -> None:
-    """Checks that a vehicle of ``radius_m`` fits at ``pose`` and is inside the world.
+def check_start(world: World, caster: RayCaster, pose: Pose, room: Room) -> None:
+    """Checks that a vehicle fits at ``pose`` and is inside the world.
 
     Raises:
-        InputError: it touches the surface, or there is no floor below or no roof above it.
+        InputError: it touches the surface, or there is no floor below or no roof above it; the nearest place that would
+            do is named.
     """
+    if (problem := _problem(caster, pose, room.radius_m)) is not None:
+        raise _refused(world, caster, pose, room, problem)
+
+
+def check_room(world: World, caster: RayCaster, pose: Pose, settings: Settings) -> None:
+    """Checks that a vehicle that starts at ``pose`` has room at the height at which it flies.
+
+    Raises:
+        InputError: it has not; the nearest place where it has is named.
+    """
+    room = Room.of(settings)
+    if not has_room_above_ground(caster, np.array([[pose.x_m, pose.y_m, pose.z_m]]), room.height_m, room.margin_m)[0]:
+        problem = (
+            f"a vehicle {room.height_m:.2f} m above the floor there has not {room.margin_m:.2f} m of room to every side"
+        )
+        raise _refused(world, caster, pose, room, problem)
+
+
+def _refused(world: World, caster: RayCaster, pose: Pose, room: Room, problem: str) -> InputError:
     where = f"start ({pose.x_m:.2f}, {pose.y_m:.2f}, {pose.z_m:.2f}) in world {world.name}"
+    return InputError(f"{where}: {problem}; {advice(world, caster, pose, room)}")
+
+
+def _problem(caster: RayCaster, pose: Pose, radius_m: float) -> str | None:
+    """Why a vehicle of ``radius_m`` cannot be there; None when it can."""
     point = np.array([pose.x_m, pose.y_m, pose.z_m])
     down_m, up_m = caster.cast(point, np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]))
     if not np.isfinite(down_m):
-        raise InputError(f"{where}: outside, there is no floor below it")
+        return "outside, there is no floor below it"
     if not np.isfinite(up_m):
-        raise InputError(f"{where}: outside, there is no roof above it")
+        return "outside, there is no roof above it"
     distance_m = float(caster.distance(point[None])[0])
     if distance_m < radius_m:
-        raise InputError(f"{where}: the nearest surface is {distance_m:.2f} m away, the vehicle needs {radius_m:.2f} m")
+        return f"the nearest surface is {distance_m:.2f} m away, the vehicle needs {radius_m:.2f} m"
+    return None
