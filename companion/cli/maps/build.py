@@ -20,6 +20,7 @@ from companion.mapping.journal import JOURNAL_SUFFIX, Header, Journal
 from companion.mapping.journal.paging import PagedMap
 from companion.mapping.process.journaled_map import BYTES_PER_MB
 from companion.model import DepthFrame
+from companion.recording import RECORDING_NAME
 
 FLUSH_FRAMES = 50
 """What changed goes into the journal after so many images: only what is there may leave the memory."""
@@ -38,6 +39,8 @@ def build_map(
 ) -> None:
     """Make a map of depth images and poses.
 
+    The folder of a flight means the recording in it, as it means the journal in it to the other commands.
+
     Raises:
         InputError: the source cannot be read or used, or a target or a setting cannot be.
         CompanionError: the target cannot be written, or a library is not installed.
@@ -50,6 +53,8 @@ def build_map(
     refuse_no_journal(out)
     if not source.exists():
         raise InputError(f"{source}: there is no such file or folder")
+    if source.is_dir() and options.format_ is None and (source / RECORDING_NAME).is_file():
+        source /= RECORDING_NAME
     find = dataset_readings if source.is_dir() else recording_readings
     readings = find(source, options, config, preset, voxel_m, max_range_m)
     with ExitStack() as stack:

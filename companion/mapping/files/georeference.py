@@ -72,8 +72,8 @@ class CoordinateSystem:
             return None
         return (
             f"{self.name} is used from {area.west:g}° to {area.east:g}° east and {area.south:g}° to {area.north:g}° "
-            f"north, and the map lies at {east_deg:.2f}° east, {north_deg:.2f}° north: say with --offset where its "
-            "origin is, first east, then north, then the height"
+            f"north, and the map lies at {east_deg:.2f}° east, {north_deg:.2f}° north: is --offset where its origin "
+            "is, first east, then north, then the height?"
         )
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -79,7 +81,10 @@ def pcd_points(path: Path, progress: Progress) -> Iterator[FloatArray]:
     from pypcd4.pypcd4 import PointCloud
 
     with _named(path, "PCD"):
-        cloud = PointCloud.from_path(path)
+        with path.open("rb") as file:
+            is_text = any(line.split() == [b"DATA", b"ascii"] for line in islice(file, _MOST_HEADER_LINES))
+        # The library takes one space between two numbers and nothing around them; people's programs write more.
+        cloud = PointCloud.from_fileobj(_single_spaced(path)) if is_text else PointCloud.from_path(path)
         columns = np.atleast_1d(cloud.pc_data)
     total = int(cloud.metadata.points)
     if len(columns) != total:
@@ -87,6 +92,12 @@ def pcd_points(path: Path, progress: Progress) -> Iterator[FloatArray]:
             f"{path}: its header says {total:,} points, it has {len(columns):,}: it is cut off, get it again"
         )
     yield from _of_columns(path, "PCD", columns, progress)
+
+
+def _single_spaced(path: Path) -> io.BufferedReader:
+    """A text file with one space between words and none at the ends of lines."""
+    lines = (b" ".join(line.split()) for line in path.read_bytes().splitlines())
+    return io.BufferedReader(io.BytesIO(b"\n".join(lines)))
 
 
 def _of_columns(path: Path, kind: str, columns: Any, progress: Progress) -> Iterator[FloatArray]:

@@ -14,7 +14,7 @@ from companion.mapping.journal import Journal
 from companion.mapping.voxels.chunks import NOTHING, OFFSETS
 from companion.mapping.voxels.voxel_map import VoxelMap
 from companion.model import FloatArray
-from companion.recording import open_recording
+from companion.recording import RECORDING_NAME, open_recording
 from tests.cli.maps.conftest import Run, tree
 from tests.mapping.datasets import rooms
 from tests.mapping.files.sources import contents
@@ -109,6 +109,13 @@ def test_a_recorded_flight_gives_the_map_that_it_made(run: Run, flight: Path, tm
     with Journal.read_only(tmp_path / "a.journal") as journal:
         assert contents(journal) == contents(expected)
         assert journal.header.frame == "east-north-up"
+
+
+def test_the_folder_of_a_flight_means_its_recording(run: Run, flight: Path, tmp_path: Path) -> None:
+    """Protects who gives the folder, as to every other command."""
+    assert flight.name == RECORDING_NAME
+    assert run("build", tmp_path / "a.ot", "--from", flight.parent)[0] == 0
+    assert open_map(tmp_path / "a.ot").voxel_m == SETTINGS.mapping.voxel_m
 
 
 def test_a_recording_that_is_cut_gives_what_it_has(run: Run, flight: Path, tmp_path: Path) -> None:

@@ -87,7 +87,7 @@ def test_a_forgotten_place_is_said(run: Run, mission: Path, tmp_path: Path) -> N
     """Protects from a mine in the Gulf of Guinea: the file is written, and what is odd of it is said."""
     code, _, errors = run("export", mission, tmp_path / "a.las", "--crs", "EPSG:25832")
     assert code == 0
-    assert "say with --offset where its origin is" in errors
+    assert "the map lies at 4.51° east, 0.00° north: is --offset where its origin is" in errors
 
 
 def test_what_is_to_be_installed_is_said(

@@ -144,6 +144,15 @@ def test_points_that_are_no_numbers_are_left_out(points: FloatArray, tmp_path: P
     assert occupied(source) == voxels_of(kept, 0.1)
 
 
+def test_an_ascii_pcd_may_be_spaced_as_it_likes(tmp_path: Path) -> None:
+    """Protects files that people's own programs wrote, with columns set out, tabs and the line ends of Windows."""
+    head = (
+        "VERSION 0.7\r\nFIELDS x y z\r\nSIZE 4 4 4\r\nTYPE F F F\r\nCOUNT 1 1 1\r\nWIDTH 2\r\nHEIGHT 1\r\nPOINTS 2\r\n"
+    )
+    (tmp_path / "a.pcd").write_text(f"{head}DATA ascii\r\n   1.01   2.02  3.03 \r\n -1.01\t2.02 3.03\r\n")
+    assert occupied(open_map(tmp_path / "a.pcd")) == {(10, 20, 30), (-11, 20, 30)}
+
+
 @pytest.mark.parametrize("suffix", ["ply", "pcd", "las", "laz"])
 def test_no_points_are_an_empty_map(suffix: str, tmp_path: Path) -> None:
     """Protects the files of a flight that ended before it saw anything."""
