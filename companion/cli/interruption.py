@@ -15,8 +15,8 @@ ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 _NUMBA_BOXES = "_numba_unpickle"
-"""The function of numba that compiled functions run before they give back what they have made. It is not looked whether an
-exception comes out of it: the process would crash, and with it would go what it was working for."""
+"""The function of numba that compiled functions run before they give back what they have made. Whether an exception
+comes out of it is not looked at: the process would crash, and with it would go what it was working for."""
 
 
 def interrupt(number: int, frame: FrameType | None) -> None:
