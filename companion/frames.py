@@ -1,9 +1,12 @@
-"""The only file that negates an axis: ENU/FLU (ours) to and from NED/FRD (MAVLink)."""
+"""The only file that negates an axis: ENU/FLU (ours) to and from NED/FRD (MAVLink), and from axes of images."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from companion.model import Pose, Setpoint, wrap_rad
 
@@ -82,3 +85,23 @@ def setpoint_to_frd(setpoint: Setpoint) -> BodyVelocity:
 def bearing_from_frd(clockwise_rad: float) -> float:
     """A bearing about the vehicle as MAVLink counts it, clockwise from the heading, as ours in [-π, π)."""
     return wrap_rad(-clockwise_rad)
+
+
+_X, _Y, _Z = np.eye(3)
+_EAST_NORTH = {"x": (_Y, _Z), "y": (_X, -_Z), "z": (_X, _Y), "-x": (_Y, -_Z), "-y": (_X, _Z), "-z": (_X, -_Y)}
+"""Which axes of a world go on as east and north when the named one is up; x stays east where it can."""
+
+AXES = tuple(_EAST_NORTH)
+"""What may be up in the worlds of others."""
+
+
+def z_up(up: str) -> NDArray[np.float64]:
+    """The (3, 3) rotation after which the axis ``up``, one of `AXES`, of another's world is z."""
+    east, north = _EAST_NORTH[up]
+    return np.stack([east, north, np.cross(east, north)])
+
+
+def flu_of_optical(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The (3, 3) rotation of a camera's forward-left-up frame, from that of its optical frame: right, down, forward."""
+    right, down, forward = rotation.T
+    return np.stack([forward, -right, -down], axis=1)

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from companion.model import Camera, Pose
 
+_VERTICAL = 1e-7
+"""What looks within this of the vertical, in rad, has no heading that could be told from rounding."""
+
 
 def rotation(yaw_rad: float, pitch_rad: float, roll_rad: float) -> NDArray[np.float64]:
     """The (3, 3) matrix Rz(yaw)·Ry(pitch)·Rx(roll), from a rotated forward-left-up frame to the frame about it."""
@@ -49,6 +52,33 @@ def angles_of(quaternion: Sequence[float]) -> tuple[float, float, float] | None:
     pitch_rad = math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x))))
     roll_rad = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     return yaw_rad, pitch_rad, roll_rad
+
+
+def rotation_of(quaternion: Sequence[float]) -> NDArray[np.float64] | None:
+    """The (3, 3) matrix of a quaternion (w, x, y, z); None when the four numbers are no rotation."""
+    norm = math.sqrt(sum(part * part for part in quaternion))
+    if not 0.5 < norm < 2.0:  # also refuses NaN
+        return None
+    w, x, y, z = (part / norm for part in quaternion)
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+
+
+def angles_of_rotation(matrix: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Yaw, pitch and roll in rad of a (3, 3) rotation matrix: the inverse of `rotation`, also straight up and down.
+
+    There only the sum or the difference of yaw and roll means something, and roll is 0.
+    """
+    level = math.hypot(matrix[0, 0], matrix[1, 0])
+    pitch_rad = math.atan2(-matrix[2, 0], level)
+    if level < _VERTICAL:
+        return math.atan2(-matrix[0, 1], matrix[1, 1]), pitch_rad, 0.0
+    return math.atan2(matrix[1, 0], matrix[0, 0]), pitch_rad, math.atan2(matrix[2, 1], matrix[2, 2])
 
 
 def camera_to_world(camera: Camera, pose: Pose) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,13 +14,34 @@ ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """A supervisor sends the second, a terminal that is closed the third."""
 
 
+_NUMBA_BOXES = "_numba_unpickle"
+"""The function of numba that compiled functions run before they give back what they have made. Whether an exception
+comes out of it is not looked at: the process would crash, and with it would go what it was working for."""
+
+
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """The handler of `ENDS`: raises KeyboardInterrupt; where that is not safe, in the next line of whoever called."""
+    inner = frame
+    while inner is not None and inner.f_code.co_name != _NUMBA_BOXES:
+        inner = inner.f_back
+    if inner is None or inner.f_back is None:
+        signal.default_int_handler(number, frame)
+
+    def raise_it(_frame: FrameType, _event: str, _argument: object) -> None:
+        sys.settrace(None)
+        raise KeyboardInterrupt
+
+    inner.f_back.f_trace = raise_it
+    sys.settrace(lambda *_: None)
+
+
 def signals_are_ctrl_c() -> None:
     """Let SIGTERM and SIGHUP end a command as Ctrl-C does, unless whoever started it lets them be ignored."""
     if threading.current_thread() is not threading.main_thread():
         return
     for number in ENDS:
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
-            signal.signal(number, signal.default_int_handler)
+            signal.signal(number, interrupt)
 
 
 @contextmanager
@@ -51,7 +73,7 @@ def finishing(what: str) -> Iterator[None]:
     def ask(number: int, frame: FrameType | None) -> None:
         nonlocal asked
         if asked:
-            signal.default_int_handler(number, frame)
+            interrupt(number, frame)
         asked = True
         # Not by print: the signal may have come in the middle of one. A terminal that is gone has no reader.
         try:

@@ -36,7 +36,7 @@ from companion.flight.warm_up import warm_up
 from companion.mapping.process.client import MapClient, check_folder
 from companion.mapping.process.messages import MapError
 from companion.pipeline import Explorer
-from companion.recording import FlightInfo, Recorder
+from companion.recording import RECORDING_NAME, FlightInfo, Recorder
 
 Show = Callable[[str], None]
 
@@ -131,7 +131,7 @@ class _Flight:
         info = FlightInfo.of(settings, rng)
         explorer = Explorer(settings, rng)
         async with AsyncExitStack() as stack:
-            recorder = stack.enter_context(Recorder(folder / "flight.mcap", settings.record, info, session.clock))
+            recorder = stack.enter_context(Recorder(folder / RECORDING_NAME, settings.record, info, session.clock))
             events.add(recording(recorder))
             events.emit(Event.MAP_STARTING)
             map_folder = self._request.resume_map or folder

@@ -13,6 +13,9 @@ import numpy as np
 from companion.config.settings import Settings
 from companion.config.show import dump_yaml
 
+RECORDING_NAME = "flight.mcap"
+"""Name of the recording in the folder of a flight."""
+
 METADATA = "mine-companion"
 """Name of the metadata record by which a file is known to be ours; it stands before every message."""
 FORMAT = 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -76,6 +77,7 @@ class Recording:
         path: the file.
         info: what is known of the flight.
         wall_ns, start_s: wall clock and the application's clock at the start.
+        share_read: how much of the file was read, 0 to 1.
         damage: why the file could not be read to its end; ``None`` before it was, and when it ends as it should.
     """
 
@@ -91,6 +93,7 @@ class Recording:
         self.start_s = float(metadata["clock_s_at_start"])
         if not abs(self.wall_ns) < 1 << 63 or not math.isfinite(self.start_s):
             raise ValueError("the start is at no possible time")
+        self.share_read = 0.0
         self.damage: str | None = None
 
     def entries(self) -> Iterator[Entry]:
@@ -98,6 +101,7 @@ class Recording:
         channels: dict[int, str] = {}
         self.damage = None
         with self.path.open("rb") as stream:
+            size_bytes = max(os.fstat(stream.fileno()).st_size, 1)
             records = _records(stream)
             while True:
                 # Only the reading is guarded: what the caller does with an entry keeps its own errors.
@@ -115,6 +119,7 @@ class Recording:
                 if record is None:
                     return
                 if isinstance(record, Message):
+                    self.share_read = stream.tell() / size_bytes
                     yield Entry(topic, record.log_time, record.data)
 
     def observations(self) -> Iterator[tuple[dict[str, Any], Observation | None]]:

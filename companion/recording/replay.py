@@ -8,19 +8,18 @@ from there on the real vehicle would have been elsewhere.
 from __future__ import annotations
 
 import json
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from companion.config.load import load_settings
 from companion.config.settings import Settings
 from companion.errors import InputError
 from companion.pipeline import Explorer
 from companion.recording import Recording, open_recording
 from companion.recording.channels import COMMANDED
+from companion.recording.flown import flown_settings
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +54,7 @@ def replay(path: Path, settings: Settings | None = None) -> Replay:
         InputError: the file is no recording, or was flown with settings that this version refuses.
     """
     recording = open_recording(path)
-    explorer = Explorer(settings or _settings(recording), _generator(recording))
+    explorer = Explorer(settings or flown_settings(recording), _generator(recording))
     ticks = compared = differing = 0
     first_s: float | None = None
     largest = 0.0
@@ -107,18 +106,6 @@ def _then(tick: dict[str, Any]) -> _Then | None:
     wanted = [told[name] for name in COMMANDED]
     setpoint = None if wanted[0] is None else tuple(map(float, wanted))
     return _Then(setpoint, str(tick["mode"]), float(tick["wanted_height_m"]))
-
-
-def _settings(recording: Recording) -> Settings:
-    """The settings of the flight, through the same loader as any other file."""
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "settings.yaml"
-        file.write_text(recording.info.settings_yaml, encoding="utf-8")
-        try:
-            return load_settings(file)
-        except InputError as error:
-            reasons = str(error).replace(str(file), "its settings")
-            raise InputError(f"{recording.path}: flown with settings that this version refuses:\n{reasons}") from None
 
 
 def _generator(recording: Recording) -> np.random.Generator:

@@ -46,6 +46,12 @@ class RayCaster:
         ranges: NDArray[np.float32] = hits["t_hit"].numpy()
         return ranges
 
+    def crossings(self, origins: NDArray[np.floating], directions: NDArray[np.floating]) -> NDArray[np.int32]:
+        """How often each ray, as for `cast`, crosses the surface on its way to infinity: (n,)."""
+        rays = self._rays(origins, directions)
+        counts: NDArray[np.int32] = self._scene.count_intersections(rays, nthreads=self._threads).numpy()
+        return counts
+
     def blocked(self, starts: NDArray[np.floating], ends: NDArray[np.floating]) -> NDArray[np.bool_]:
         """Whether the surface crosses the straight way from each start to its end, (n, 3) or (3,) both: (n,)."""
         rays = self._rays(starts, np.subtract(ends, starts))

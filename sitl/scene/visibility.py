@@ -151,11 +151,10 @@ def traveling_surface(
         InputError: more than `MOST_PLACES`.
     """
     origin = np.asarray(start_xyz, dtype=np.float64)
-    ground = origin[2] - caster.cast(origin, _DOWN)[0]
-    wave = np.array([[origin[0], origin[1], ground + height_m]])
     needed_m = margin_m if start_margin_m is None else start_margin_m
-    if not np.isfinite(ground) or caster.blocked(origin, wave) or not _has_room(caster, wave, needed_m):
+    if not has_room_above_ground(caster, origin[None], height_m, needed_m):
         return np.empty((0, 3))
+    wave = _above_ground(caster, origin[None], height_m)
 
     cells = np.zeros((1, 2), dtype=np.int64)
     looked_at = _Levels()
@@ -185,6 +184,25 @@ def traveling_surface(
                 "centimetres)"
             )
     return np.concatenate(found)
+
+
+def has_room_above_ground(caster: RayCaster, places: Array, height_m: float, margin_m: float) -> NDArray[np.bool_]:
+    """Whether S, at ``height_m`` above ground, can begin at each of ``places`` (n, 3).
+
+    There must be ground below, a free way to that height, nothing horizontally nearer than ``margin_m`` there, and a
+    roof that is not right above it.
+    """
+    there = _above_ground(caster, places, height_m)
+    good = np.isfinite(there[:, 2])
+    some, there = places[good], there[good]
+    good[good] = ~caster.blocked(some, there) & _has_room(caster, there, margin_m)
+    return np.asarray(good)
+
+
+def _above_ground(caster: RayCaster, places: Array, height_m: float) -> Array:
+    """(n, 3) the points ``height_m`` above the ground below ``places`` (n, 3); -inf where there is none."""
+    ground_m = places[:, 2] - caster.cast(places, _DOWN)
+    return np.column_stack([places[:, :2], ground_m + height_m])
 
 
 class _Levels:

@@ -18,7 +18,7 @@ from sitl.mines import World
 from sitl.scene.raycast import RayCaster
 from sitl.scene.visibility import Say, Truth, accuracy_m, horizontal_clearance, precision, silent
 from sitl.sim.flight import Flight
-from sitl.sim.start import remarks_on_start, start_poses
+from sitl.sim.start import check_room, remarks_on_start, start_poses
 
 COMPLETE_SHARE = 0.99
 """The map counts as complete when this share of what is visible is in it (METHOD: t_f)."""
@@ -68,6 +68,7 @@ class Simulation:
         self.remarks = (*world.remarks, *remarks_on_start(world, self.caster))
         """What people should know of the mine before the vehicle flies."""
         first = starts[0]
+        check_room(world, self.caster, first, settings)
         self.truth = Truth.of(
             world,
             self.caster,

@@ -11,7 +11,8 @@ from companion.errors import InputError
 from companion.model import Pose
 from sitl.mines.model import World
 from sitl.scene.raycast import RayCaster
-from sitl.scene.visibility import horizontal_clearance
+from sitl.scene.visibility import has_room_above_ground, horizontal_clearance
+from sitl.sim.nearest_start import Room, advice
 
 FARTHEST_M = 50.0
 """No sensor of the vehicle would see a surface that is further from the start than this."""
@@ -34,7 +35,7 @@ def start_poses(
     """
     height_m, margin_m = settings.control.height_m, settings.control.margin_m
     if world.start is not None:
-        check_start(world, caster, world.start, settings.vehicle.body_radius_m)
+        check_start(world, caster, world.start, Room.of(settings))
         if vehicles > 1:
             raise InputError(
                 f"world {world.name} has one start pose, which {vehicles} vehicles cannot share: fly several in a "
@@ -61,24 +62,29 @@ def start_poses(
     raise InputError(f"world {world.name} has no room for {vehicles} vehicles to start")
 
 
-def check_start(world: World, caster: RayCaster, pose: Pose, radius_m: float) -> None:
-    """Checks that a vehicle of ``radius_m`` fits at ``pose`` and has ground below it.
+def check_start(world: World, caster: RayCaster, pose: Pose, room: Room) -> None:
+    """Checks that a vehicle fits at ``pose`` and has ground below it.
 
     Raises:
-        InputError: it touches the surface, there is no floor below it, or the surface is further than any mine's.
+        InputError: it touches the surface, there is no floor below it, or the surface is further than any mine's; the
+            nearest place that would do is named.
     """
-    where = f"start {world.named(pose.x_m, pose.y_m, pose.z_m)} in world {world.name}"
-    point = np.array([pose.x_m, pose.y_m, pose.z_m])
-    distance_m = float(caster.distance(point[None])[0])
-    if distance_m > FARTHEST_M:
-        raise InputError(
-            f"{where}: the nearest surface is {distance_m:.0f} m away, it is at {world.bounds()}. If the unit of the "
-            "mesh is not the metre, give --scale (0.01 for centimetres, 0.001 for millimetres)"
+    if (problem := _problem(world, caster, pose, room.radius_m)) is not None:
+        raise _refused(world, caster, pose, room, problem)
+
+
+def check_room(world: World, caster: RayCaster, pose: Pose, settings: Settings) -> None:
+    """Checks that a vehicle that starts at ``pose`` has room at the height at which it flies.
+
+    Raises:
+        InputError: it has not; the nearest place where it has is named.
+    """
+    room = Room.of(settings)
+    if not has_room_above_ground(caster, np.array([[pose.x_m, pose.y_m, pose.z_m]]), room.height_m, room.margin_m)[0]:
+        problem = (
+            f"a vehicle {room.height_m:.2f} m above the floor there has not {room.margin_m:.2f} m of room to every side"
         )
-    if not np.isfinite(caster.cast(point, _DOWN)[0]):
-        raise InputError(f"{where}: outside, there is no floor below it; the surface is at {world.bounds()}")
-    if distance_m < radius_m:
-        raise InputError(f"{where}: the nearest surface is {distance_m:.2f} m away, the vehicle needs {radius_m:.2f} m")
+        raise _refused(world, caster, pose, room, problem)
 
 
 def remarks_on_start(world: World, caster: RayCaster) -> tuple[str, ...]:
@@ -94,3 +100,24 @@ def remarks_on_start(world: World, caster: RayCaster) -> tuple[str, ...]:
     if np.isfinite(under_m):
         told += f"; {under_m:.1f} m under the floor is another surface: is the start on top of the mine?"
     return (told,)
+
+
+def _refused(world: World, caster: RayCaster, pose: Pose, room: Room, problem: str) -> InputError:
+    where = f"start {world.named(pose.x_m, pose.y_m, pose.z_m)} in world {world.name}"
+    return InputError(f"{where}: {problem}; {advice(world, caster, pose, room)}")
+
+
+def _problem(world: World, caster: RayCaster, pose: Pose, radius_m: float) -> str | None:
+    """Why a vehicle of ``radius_m`` cannot be there; None when it can."""
+    point = np.array([pose.x_m, pose.y_m, pose.z_m])
+    distance_m = float(caster.distance(point[None])[0])
+    if distance_m > FARTHEST_M:
+        return (
+            f"the nearest surface is {distance_m:.0f} m away, it is at {world.bounds()}. If the unit of the mesh is "
+            "not the metre, give --scale (0.01 for centimetres, 0.001 for millimetres)"
+        )
+    if not np.isfinite(caster.cast(point, _DOWN)[0]):
+        return f"outside, there is no floor below it; the surface is at {world.bounds()}"
+    if distance_m < radius_m:
+        return f"the nearest surface is {distance_m:.2f} m away, the vehicle needs {radius_m:.2f} m"
+    return None

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import typer
 
+from companion.cli.maps.clouds import CloudOptions
 from companion.cli.maps.progress import Progress
 from companion.cli.maps.sources import opened, refuse_target, write_errors
+from companion.cli.maps.surveyed import georeference
 from companion.errors import InputError
 from companion.mapping.files import FORMATS, write
 from companion.mapping.files.merge import Box, ClippedMap
@@ -16,11 +18,21 @@ from companion.mapping.voxels.chunks import NOTHING
 from companion.mapping.voxels.piece import MapSource
 
 
-def export_map(source: Path, targets: list[Path], *, mesh: bool, box_m: Box | None, overwrite: bool) -> None:
+def export_map(
+    source: Path,
+    targets: list[Path],
+    *,
+    mesh: bool,
+    box_m: Box | None,
+    crs: str | None,
+    clouds: CloudOptions,
+    overwrite: bool,
+) -> None:
     """Write a map into files; all names are checked before the first is written.
 
     Raises:
-        InputError: the source is no map, a target cannot be, or the box is none or has nothing of the map in it.
+        InputError: the source is no map, a target cannot be, the box is none or has nothing of the map in it, or there
+            is no such coordinate system.
         CompanionError: a file cannot be written; those before it are there.
     """
     for target in targets:
@@ -28,7 +40,9 @@ def export_map(source: Path, targets: list[Path], *, mesh: bool, box_m: Box | No
         refuse_target(target, [source], overwrite=overwrite)
     if len({target.resolve() for target in targets}) < len(targets):
         raise InputError("the same target is given twice")
-    with opened(source) as whole:
+    clouds.refuse_if_no_use([source], targets)
+    where = georeference(source, targets, crs, clouds.offset_m)
+    with opened(source, clouds.reading()) as whole:
         part = whole if box_m is None else _inside(whole, box_m)
         most = _most(part)
         if box_m is not None and most == NOTHING:
@@ -40,7 +54,10 @@ def export_map(source: Path, targets: list[Path], *, mesh: bool, box_m: Box | No
             typer.echo("no voxel is occupied: there are no points and no surface to write", err=True)
         for target in targets:
             with write_errors(target), Progress(f"writing {target.name}") as progress:
-                (write_mesh if _is_mesh(target, mesh=mesh) else write)(part, target, progress)
+                if _is_mesh(target, mesh=mesh):
+                    write_mesh(part, target, progress)
+                else:
+                    write(part, target, progress, georeference=where)
             typer.echo(f"{target}: {target.stat().st_size:,} bytes")
 
 

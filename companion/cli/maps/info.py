@@ -8,8 +8,10 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from companion.cli.maps.clouds import CloudOptions
 from companion.cli.maps.progress import Progress
 from companion.cli.maps.sources import chunks_seen, losses_text, map_at, opened, size_text
+from companion.mapping.files import PointCloudFile
 from companion.mapping.files.facts import MapFacts, facts_of
 from companion.mapping.journal import Header, Journal
 from companion.mapping.voxels.piece import MapSource
@@ -30,6 +32,8 @@ class MapInfo:
         losses: places in its files that are damaged: what they held is lost.
         lost_bytes: bytes of these.
         torn_bytes: the unfinished end that a crash left: nothing that was committed.
+        points: of a point cloud, those that were read; None: it is none.
+        points_left_out: of a point cloud, those with a coordinate that is no number.
     """
 
     path: str
@@ -41,16 +45,19 @@ class MapInfo:
     losses: int
     lost_bytes: int
     torn_bytes: int
+    points: int | None
+    points_left_out: int
 
 
-def show_info(path: Path, *, as_json: bool) -> str:
+def show_info(path: Path, clouds: CloudOptions, *, as_json: bool) -> str:
     """What `companion map info MAP [--json]` prints.
 
     Raises:
         InputError: it is no map.
     """
     place = map_at(path)
-    with opened(path, tells_losses=False) as source, Progress("reading the map") as progress:
+    clouds.refuse_if_no_use([path])
+    with opened(path, clouds.reading(), tells=False) as source, Progress("reading the map") as progress:
         info = _info(place, source, progress)
     if as_json:
         return json.dumps(asdict(info) | {"extent_m": info.facts.extent_m}, indent=2)
@@ -74,6 +81,8 @@ def _info(place: Path, source: MapSource, progress: Progress) -> MapInfo:
         losses=len(lost),
         lost_bytes=sum(lost),
         torn_bytes=sum(loss.size_bytes for loss in losses if loss.torn),
+        points=source.points if isinstance(source, PointCloudFile) else None,
+        points_left_out=source.left_out if isinstance(source, PointCloudFile) else 0,
     )
 
 
@@ -85,6 +94,9 @@ def _render(info: MapInfo) -> str:
         ("frame", "not said in the file" if header is None else header.frame),
         ("sensor model", _model(info)),
     ]
+    if info.points is not None:
+        left_out = f", {info.points_left_out:,} more are not finite" if info.points_left_out else ""
+        rows.append(("points", f"{info.points:,}{left_out}; what holds one is occupied, and what is free is not known"))
     if facts.low_m is None or facts.high_m is None:
         rows.append(("bounds", "nothing is known"))
     else:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -11,20 +10,21 @@ from pathlib import Path
 
 import typer
 
+from companion.cli.maps.clouds import CloudOptions
+from companion.cli.maps.new_journal import put_in_place, refuse_no_journal
 from companion.cli.maps.progress import Progress
 from companion.cli.maps.sources import map_at, opened, refuse_target, write_errors
 from companion.config.mapping import MapSettings
 from companion.errors import InputError
-from companion.mapping.files import write
+from companion.mapping.files import PointCloudFile, is_point_cloud, write
 from companion.mapping.files.merge import IndexedMap, MergedMap
-from companion.mapping.journal import JOURNAL_SUFFIX, Header, Journal, JournalError
-from companion.mapping.journal.recovery import lock
+from companion.mapping.journal import JOURNAL_SUFFIX, Header, Journal
 from companion.mapping.voxels.piece import MapSource
 
 TREE_SUFFIX = ".ot"
 
 
-def merge_maps(sources: list[Path], out: Path, *, overwrite: bool) -> None:
+def merge_maps(sources: list[Path], out: Path, clouds: CloudOptions, *, overwrite: bool) -> None:
     """Add maps into a new journal or .ot file.
 
     Raises:
@@ -40,10 +40,14 @@ def merge_maps(sources: list[Path], out: Path, *, overwrite: bool) -> None:
     if len(set(places)) < len(places):
         raise InputError("the same map is given twice: what it says would count twice")
     refuse_target(out, sources, overwrite=overwrite)
-    if out.exists() and out.suffix.lower() == JOURNAL_SUFFIX:
-        _refuse_no_journal(out)
+    clouds.refuse_if_no_use(sources)
+    refuse_no_journal(out)
     with ExitStack() as stack:
-        maps = {str(path): stack.enter_context(opened(path)) for path in sources}
+        found = {path: stack.enter_context(opened(path)) for path in sources if not is_point_cloud(path)}
+        # Points go into the voxels of the maps that they come to.
+        reading = clouds.reading(next((source.voxel_m for source in found.values()), None))
+        found |= {path: stack.enter_context(opened(path, reading)) for path in sources if is_point_cloud(path)}
+        maps = {str(path): found[path] for path in sources}
         header = common_header(maps)
         stack.enter_context(write_errors(out))
         room = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent)))
@@ -63,7 +67,8 @@ def merge_maps(sources: list[Path], out: Path, *, overwrite: bool) -> None:
 def common_header(maps: dict[str, MapSource]) -> Header:
     """What the sum of these maps is.
 
-    An OctoMap file says nothing of its frame and its clamps: it goes with any map of its voxel size, and takes theirs.
+    An OctoMap file or a point cloud says nothing of its frame and its clamps: it goes with any map of its voxel size,
+    and takes theirs.
 
     Raises:
         InputError: they do not go together; the message names the two that differ.
@@ -78,9 +83,9 @@ def common_header(maps: dict[str, MapSource]) -> Header:
     journals = {name: one.header for name, one in maps.items() if isinstance(one, Journal)}
     if not journals:
         defaults = Header.of(MapSettings())
-        return replace(
-            defaults, voxel_m=source.voxel_m, threshold=source.threshold, frame="of OctoMap files", settings={}
-        )
+        only_points = all(isinstance(one, PointCloudFile) for one in maps.values())
+        frame = "of point clouds" if only_points else "of OctoMap files"
+        return replace(defaults, voxel_m=source.voxel_m, threshold=source.threshold, frame=frame, settings={})
     (first, header), *more = journals.items()
     for name, other_header in more:
         if differences := other_header.differences(header):
@@ -107,25 +112,4 @@ def _write_journal(merged: MergedMap, header: Header, folder: Path, out: Path, p
     """Write a journal beside its place, and move it there when it is whole."""
     with Journal.open(folder, header) as journal:
         journal.append_all(merged, lambda taken: progress(taken / len(merged.chunks)))
-    if not out.exists():
-        folder.replace(out)
-        return
-    held = lock(out)
-    old = folder.with_name("old")
-    try:
-        out.replace(old)
-        try:
-            folder.replace(out)
-        except BaseException:
-            old.replace(out)
-            raise
-    finally:
-        os.close(held)
-
-
-def _refuse_no_journal(out: Path) -> None:
-    """Refuse to replace a folder of something else, whatever its name."""
-    try:
-        Journal.read_only(out).close()
-    except JournalError:
-        raise InputError(f"{out}: is there and holds no map; --overwrite replaces maps only") from None
+    put_in_place(folder, out)

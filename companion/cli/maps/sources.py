@@ -9,9 +9,11 @@ from pathlib import Path
 
 import typer
 
+from companion.cli.maps.clouds import cloud_text
+from companion.cli.maps.extra import ExtraMissingError, of_the_extra
 from companion.cli.maps.progress import Progress
 from companion.errors import CompanionError, InputError
-from companion.mapping.files import MapFileError, open_map
+from companion.mapping.files import CloudReading, MapFileError, PointCloudFile, open_map
 from companion.mapping.journal import JOURNAL_NAME, JOURNAL_SUFFIX, Journal, JournalError
 from companion.mapping.voxels.piece import MapSource
 
@@ -43,28 +45,35 @@ def map_at(path: Path) -> Path:
 
 
 @contextmanager
-def opened(path: Path, *, tells_losses: bool = True) -> Iterator[MapSource]:
+def opened(path: Path, reading: CloudReading | None = None, *, tells: bool = True) -> Iterator[MapSource]:
     """A map to read from.
 
     Args:
         path: what the user gave.
-        tells_losses: in the end say on stderr what of the map was damaged: some of it shows only when it is read.
+        reading: how the points of a cloud become voxels.
+        tells: say on stderr what became of a cloud's points, and in the end what of a map was damaged: some of that
+            shows only when it is read.
 
     Raises:
         InputError: it is no map.
+        CompanionError: what reads it is not installed.
     """
     place = map_at(path)
     try:
-        with Progress(f"opening {place.name}") as progress:
-            source = open_map(place, progress)
+        with Progress(f"opening {place.name}") as progress, of_the_extra(f"companion map ... {place.name}"):
+            source = open_map(place, progress, reading)
+    except ExtraMissingError:
+        raise
     except OSError as error:
         raise InputError(f"{place}: {error.strerror}") from None
     except CompanionError as error:
         # To whoever opens a map for a mission it is a failure; here it is what the user handed in.
         raise InputError(str(error)) from None
     try:
+        if tells and isinstance(source, PointCloudFile):
+            typer.echo(f"{place}: {cloud_text(source)}", err=True)
         yield source
-        if tells_losses and isinstance(source, Journal):
+        if tells and isinstance(source, Journal):
             lost = [loss.size_bytes for loss in source.losses if not loss.torn]
             if lost:
                 typer.echo(f"{place}: {losses_text(len(lost), sum(lost))}", err=True)

@@ -8,6 +8,7 @@ from typing import BinaryIO
 
 import laspy
 import numpy as np
+from laspy.vlrs.known import WktCoordinateSystemVlr
 from numpy.typing import NDArray
 
 from companion import __version__
@@ -76,16 +77,21 @@ def write_pcd(export: Export, file: BinaryIO, progress: Progress) -> None:
         file.write(points.tobytes())
 
 
-_SCALE_M = 0.001
+_FINEST_M = 0.001
+_MOST_STEPS = 2**31 - 1
+"""LAS counts in 32 bits from its offset on."""
+
 _DAY_AND_YEAR_AT = 90
 """Where LAS keeps the day of the year and the year."""
 
 
 def write_las(export: Export, file: BinaryIO, progress: Progress) -> None:
-    """Write LAS 1.2: the centres of occupied voxels in whole mm.
+    """Write LAS: the centres of occupied voxels, in whole mm where the map is no larger than 2147 km.
 
-    Points have format 2, which all surveying software reads: colours by height, and as intensity the probability that
-    the voxel is occupied, 65535 being certain.
+    The offset in the header is a whole number of m below the lowest point, in surveyed coordinates where the map has
+    them, so that nothing is lost of a place thousands of kilometres from their origin. Points have colours by height,
+    and as intensity the probability that the voxel is occupied, 65535 being certain. They are of format 2 in LAS 1.2,
+    which all surveying software reads; with a coordinate system of format 7 in LAS 1.4, which has it as text.
     """
     _write_las(export, file, progress, compressed=False)
 
@@ -96,12 +102,10 @@ def write_laz(export: Export, file: BinaryIO, progress: Progress) -> None:
 
 
 def _write_las(export: Export, file: BinaryIO, progress: Progress, *, compressed: bool) -> None:
-    header = laspy.LasHeader(version="1.2", point_format=2)
+    header = _header(export)
     header.system_identifier = "EXTRACTION"  # the standard's word for what was drawn from other data
     header.generating_software = f"companion {__version__}"
     header.creation_date = export.created or date.min
-    header.scales = np.full(3, _SCALE_M)
-    header.offsets = np.floor(export.lowest * export.source.voxel_m)
     target = _Remembering(file)
     try:
         _write_points(export, target, header, progress, compressed=compressed)
@@ -114,6 +118,24 @@ def _write_las(export: Export, file: BinaryIO, progress: Progress, *, compressed
         # laspy would put today's date; zeros are the standard's "not said".
         file.seek(_DAY_AND_YEAR_AT)
         file.write(struct.pack("<HH", 0, 0))
+
+
+def _header(export: Export) -> laspy.LasHeader:
+    """A header whose offset and scale fit the map where it lies, and what its coordinates are."""
+    system = export.georeference.system
+    if system is None:
+        header = laspy.LasHeader(version="1.2", point_format=2)
+    else:
+        header = laspy.LasHeader(version="1.4", point_format=7)
+        header.vlrs.append(WktCoordinateSystemVlr(system.wkt))
+        header.global_encoding.wkt = True
+    voxel_m = export.source.voxel_m
+    header.offsets = np.floor(np.add(export.georeference.place_m, export.lowest * voxel_m))
+    scale_m, size_m = _FINEST_M, float((export.highest - export.lowest + 1).max()) * voxel_m + 1.0
+    while size_m > _MOST_STEPS * scale_m:
+        scale_m *= 10.0
+    header.scales = np.full(3, scale_m)
+    return header
 
 
 class _Remembering:
@@ -138,7 +160,7 @@ def _write_points(
     with laspy.LasWriter(target, header, do_compress=compressed, closefd=False) as writer:
         for some in export.points(progress):
             points = laspy.ScaleAwarePointRecord.zeros(len(some.centres_m), header=header)
-            points.x, points.y, points.z = some.centres_m.T
+            points.x, points.y, points.z = (some.centres_m + export.georeference.place_m).T
             points.intensity = np.round(some.probabilities * 65535).astype(np.uint16)
             points.return_number = points.number_of_returns = np.ones(len(some.centres_m), np.uint8)
             # Colours have 16 bits there; 255 becomes 65535.

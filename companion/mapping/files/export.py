@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.errors import InputError
+from companion.mapping.files.georeference import Georeference
 from companion.mapping.voxels.chunks import EDGE, NOTHING, OFFSETS
 from companion.mapping.voxels.piece import MapPiece, MapSource, Progress, silent
 from companion.model import FloatArray
@@ -46,6 +47,7 @@ class Export:
     Attributes:
         source: the map. It must not change meanwhile.
         created: the day that files are to bear, if any.
+        georeference: where the map lies, for the formats that can hold it.
         chunks: chunks that the source gives.
         occupied: occupied voxels.
         lowest: (3,) least coordinates of occupied voxels, in voxels; zeros when there is none.
@@ -56,6 +58,7 @@ class Export:
 
     source: MapSource
     created: date | None
+    georeference: Georeference
     chunks: int
     occupied: int
     lowest: NDArray[np.int64]
@@ -64,7 +67,13 @@ class Export:
     highest_chunk: NDArray[np.int64]
 
     @classmethod
-    def of(cls, source: MapSource, created: date | None = None, progress: Progress = silent) -> Export:
+    def of(
+        cls,
+        source: MapSource,
+        created: date | None = None,
+        progress: Progress = silent,
+        georeference: Georeference | None = None,
+    ) -> Export:
         """Look at a map. The progress stays at 0: how much there is to see is what is being found out."""
         bounds = np.array([[_FAR] * 3, [-_FAR] * 3] * 2, np.int64)
         chunks = occupied = 0
@@ -78,7 +87,7 @@ class Export:
                 bounds[low + 1] = np.maximum(bounds[low + 1], some.max(axis=0, initial=-_FAR))
             progress(0.0)
         bounds[np.abs(bounds) == _FAR] = 0
-        return cls(source, created, chunks, occupied, *bounds)
+        return cls(source, created, georeference or Georeference(), chunks, occupied, *bounds)
 
     def points(self, progress: Progress = silent) -> Iterator[Points]:
         """All occupied voxels, piece by piece.

@@ -38,6 +38,9 @@ _READ_BYTES = 2**20
 _MOST_MAP_CHUNKS = 2**20
 """Of a whole map: ten times a tunnel of 10 km. A few bytes can claim all of OctoMap's cube, 7e10 chunks."""
 
+_VALUE_BYTES = {"OcTree": 4, "ColorOcTree": 7}
+"""Of a node in ``.ot``, by the kind of tree: log-odds, and a colour, which is passed over. ``.bt`` has neither."""
+
 _PROBLEMS = {
     TOO_DEEP: f"a node below the voxels, deeper than {CHUNK_LEVEL + 4} levels",
     NOT_FINITE: "log-odds that are not a finite number",
@@ -49,14 +52,14 @@ class _Header(NamedTuple):
     """What stands before the tree.
 
     Attributes:
-        full: a ``.ot`` file; else ``.bt``.
+        value_bytes: of a node of a ``.ot`` file what stands before the bits of its children; 0: a ``.bt``.
         voxel_m: edge of a voxel.
         threshold: a voxel is occupied from this on, in thousandths of log-odds.
         nodes: how many nodes the tree has.
         end: offset in the file of the tree.
     """
 
-    full: bool
+    value_bytes: int
     voxel_m: float
     threshold: int
     nodes: int
@@ -110,7 +113,7 @@ class OctreeFile:
                 data = np.frombuffer(file.read(int(ends[last - 1] - self._starts[first])), np.uint8).copy()
                 values = np.full((last - first, VOLUME), NOTHING)
                 for row, start in enumerate(self._starts[first:last]):
-                    if not decode_chunk(data, int(start - self._starts[first]), self._header.full, values[row]):
+                    if not decode_chunk(data, int(start - self._starts[first]), self._header.value_bytes, values[row]):
                         raise MapFileError(f"{self._path}: byte {start}: the file changed while it was being read")
                 yield MapPiece(self._chunks[first:last], values)
         for depth in np.unique(self._leaves.depths):
@@ -153,15 +156,19 @@ def _read_header(file: BinaryIO, path: Path) -> _Header:
         elif line and not line.startswith("#"):
             key, _, value = line.partition(" ")
             said[key] = value.strip()
-    if said.get("id") != "OcTree":
-        raise MapFileError(f"{path}: holds a tree of the kind {said.get('id')!r}; only 'OcTree' can be read")
+    kind = said.get("id", "")
+    if kind not in _VALUE_BYTES:
+        raise MapFileError(
+            f"{path}: holds a tree of the kind {kind!r}; {' and '.join(map(repr, _VALUE_BYTES))} can be read: write it "
+            "as one of these, with what made it"
+        )
     voxel_m = _number(path, "res", said.get("res", "").split())
     if not _LEAST_VOXEL_M <= voxel_m <= _MOST_VOXEL_M:
         raise MapFileError(f"{path}: res = {voxel_m:g} m must be from {_LEAST_VOXEL_M:g} to {_MOST_VOXEL_M:g}")
     if not 0 <= threshold < -int(NOTHING):
         raise MapFileError(f"{path}: a threshold of {threshold / 1000:g} must be from 0 to 32.767")
     nodes = _number(path, "size", said.get("size", "").split())
-    return _Header(first == FULL_NAME, voxel_m, threshold, int(nodes), file.tell())
+    return _Header(_VALUE_BYTES[kind] if first == FULL_NAME else 0, voxel_m, threshold, int(nodes), file.tell())
 
 
 def _line(file: BinaryIO, path: Path) -> str:
@@ -193,7 +200,7 @@ def _walked(file: BinaryIO, path: Path, header: _Header, progress: Progress) -> 
     while block := file.read(_READ_BYTES):
         progress(min(file.tell() / size, 1.0))
         left += block
-        done, entries = walk(np.frombuffer(left, np.uint8).copy(), offset, header.full, waiting, state, room)
+        done, entries = walk(np.frombuffer(left, np.uint8).copy(), offset, header.value_bytes, waiting, state, room)
         found.append(Found._make(part[:entries].copy() for part in room))
         offset, left = offset + done, left[done:]
         if state[PROBLEM] != SOUND:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled
-from companion.mapping.files.octree import BINARY_NODE_BYTES, CHUNK_LEVEL, FULL_NODE_BYTES, LEVELS
+from companion.mapping.files.octree import BINARY_NODE_BYTES, CHUNK_LEVEL, LEVELS
 from companion.mapping.voxels.chunks import VOLUME
 
 SOUND, TOO_DEEP, NOT_FINITE, NO_CHILDREN = 0, 1, 2, 3
@@ -57,14 +57,20 @@ def thousandths(log_odds: float) -> np.int16:
 
 @compiled
 def walk(
-    data: NDArray[np.uint8], offset: int, full: bool, waiting: NDArray[np.int64], state: NDArray[np.int64], found: Found
+    data: NDArray[np.uint8],
+    offset: int,
+    value_bytes: int,
+    waiting: NDArray[np.int64],
+    state: NDArray[np.int64],
+    found: Found,
 ) -> tuple[int, int]:
     """Go on through the tree as far as ``data`` reaches.
 
     Args:
         data: bytes of the tree from ``offset`` on.
         offset: where they are in the tree.
-        full: of a ``.ot`` file; else ``.bt``.
+        value_bytes: of a node of a ``.ot`` file what stands before the bits of its children: the log-odds, and a
+            colour where the tree has them; 0: of a ``.bt``.
         waiting: (MOST_WAITING, 2) nodes that are still to come, by depth and code, the next one last.
         state: (3,) how many wait, how many nodes there were, what is wrong.
         found: filled from its beginning.
@@ -75,14 +81,15 @@ def walk(
     """
     word = np.empty(1, np.uint32)
     log_odds = word.view(np.float32)
-    node_bytes = FULL_NODE_BYTES if full else BINARY_NODE_BYTES
+    full = value_bytes > 0
+    node_bytes = value_bytes + 1 if full else BINARY_NODE_BYTES
     at = entries = 0
     while state[TOP] > 0 and at + node_bytes <= data.shape[0]:
         depth, code = waiting[state[TOP] - 1, DEPTH], waiting[state[TOP] - 1, CODE]
         inner = leaves = 0
         if full:
             word[0] = data[at] | data[at + 1] << 8 | data[at + 2] << 16 | np.uint32(data[at + 3]) << np.uint32(24)
-            inner = int(data[at + 4])
+            inner = int(data[at + value_bytes])
             if not np.isfinite(log_odds[0]):
                 state[PROBLEM] = NOT_FINITE
         else:
@@ -124,14 +131,15 @@ def walk(
 
 
 @compiled
-def decode_chunk(data: NDArray[np.uint8], at: int, full: bool, values: NDArray[np.int16]) -> bool:
+def decode_chunk(data: NDArray[np.uint8], at: int, value_bytes: int, values: NDArray[np.int16]) -> bool:
     """Fill ``values`` (4096,) from the nodes of one chunk, from ``at`` on; whether they are all there.
 
     It checks again what `walk` did: the file may have changed since.
     """
     word = np.empty(1, np.uint32)
     log_odds = word.view(np.float32)
-    node_bytes = FULL_NODE_BYTES if full else BINARY_NODE_BYTES
+    full = value_bytes > 0
+    node_bytes = value_bytes + 1 if full else BINARY_NODE_BYTES
     places, sizes = np.empty(MOST_WAITING, np.int64), np.empty(MOST_WAITING, np.int64)
     places[0], sizes[0], top = 0, VOLUME, 1
     while top > 0:
@@ -142,7 +150,7 @@ def decode_chunk(data: NDArray[np.uint8], at: int, full: bool, values: NDArray[n
         inner = 0
         if full:
             word[0] = data[at] | data[at + 1] << 8 | data[at + 2] << 16 | np.uint32(data[at + 3]) << np.uint32(24)
-            inner = int(data[at + 4])
+            inner = int(data[at + value_bytes])
             if not np.isfinite(log_odds[0]):
                 return False
             if inner == 0:

@@ -13,6 +13,8 @@ from types import SimpleNamespace
 import pytest
 
 from companion.cli.maps import view as look
+from companion.cli.maps.clouds import CloudOptions
+from companion.cli.maps.extra import EXTRA
 from tests.cli.maps.conftest import Run, journal_at, tree
 
 
@@ -120,7 +122,7 @@ def test_a_missing_extra_is_named(run: Run, mission: Path, tmp_path: Path, monke
     for arguments in ((mission,), (mission, "--picture", tmp_path / "a.png")):
         code, _, errors = run("view", *arguments)
         assert code == 1
-        assert f"needs pip install '{look.EXTRA}'" in errors
+        assert f"needs pip install '{EXTRA}'" in errors
         assert errors.count("\n") == 1
 
 
@@ -135,5 +137,5 @@ def test_the_address_can_be_typed_into_a_browser(
     pytest.importorskip("viser", reason="pip install mine-companion[ground]")
     page = SimpleNamespace(port=8080, note="", wait=lambda: None)
     monkeypatch.setattr("companion.viewer.page.serve", lambda *_: nullcontext(page))
-    look.show_in_browser(mission, host, 8080, 1000)
+    look.show_in_browser(mission, host, 8080, 1000, CloudOptions())
     assert capsys.readouterr().out == f"{mission}: open http://{typed}:8080; Ctrl-C ends it\n"

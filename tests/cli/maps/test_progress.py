@@ -71,7 +71,7 @@ def test_a_full_disk(run: Run, mission: Path, tmp_path: Path, monkeypatch: pytes
     (tmp_path / "a.ply").write_bytes(b"old")
     before = tree(tmp_path)
 
-    def full(*_: object) -> None:
+    def full(*_: object, **_named: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(convert, "write", full)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Iterator
 from datetime import date
@@ -12,7 +13,9 @@ import numpy as np
 import open3d
 import pytest
 
-from companion.mapping.files import MapFileError, write
+from companion.errors import InputError
+from companion.mapping.files import Georeference, MapFileError, write
+from companion.mapping.files.georeference import CoordinateSystem
 from companion.mapping.voxels.piece import MapPiece
 from companion.model import FloatArray
 from tests.mapping.files.sources import EMPTY, Held, occupied_m, of_voxels, scattered
@@ -94,6 +97,77 @@ def test_las_is_as_the_standard_has_it(source: Held, tmp_path: Path) -> None:
     assert np.abs(read["xyz"] * 0.001 + offsets - points).max() <= 0.0005 + 1e-9
     assert (read["returns"] == 0b001001).all()
     assert not read["rest"].any()
+
+
+UTM_M = (500_000.25, 6_000_000.5, 400.125)
+
+
+@pytest.mark.parametrize("format_", ["las", "laz"])
+def test_a_map_goes_back_to_its_surveyed_place(source: Held, tmp_path: Path, format_: str) -> None:
+    """Protects the survey: to half a mm, six thousand km from the origin, where a float has steps of half a metre."""
+    path = tmp_path / f"map.{format_}"
+    write(source, path, georeference=Georeference(UTM_M))
+    cloud = laspy.read(path)
+    assert np.abs(cloud.xyz - (occupied_m(source) + UTM_M)).max() <= 0.0005 + 1e-8
+    assert np.abs(cloud.header.offsets - UTM_M).max() < 10.0
+    assert (cloud.header.scales == 0.001).all()
+    # Colours are by height all the same.
+    assert len(np.unique(cloud.red)) > 5
+
+
+@pytest.mark.parametrize("format_", ["las", "laz"])
+def test_a_coordinate_system_is_said_as_las_wants_it(source: Held, tmp_path: Path, format_: str) -> None:
+    """Protects georeferenced maps: well-known text of the first version, LAS 1.4, and the bit that announces it."""
+    path = tmp_path / f"map.{format_}"
+    write(source, path, georeference=Georeference(UTM_M, CoordinateSystem.of("epsg:25832")))
+    cloud = laspy.read(path)
+    assert cloud.header.parse_crs().to_epsg() == 25832
+    assert np.abs(cloud.xyz - (occupied_m(source) + UTM_M)).max() <= 0.0005 + 1e-8
+    data = path.read_bytes()
+    # LAS 1.4 R15, tables 3 and 5: bit 4 of the global encoding, then the version; and the VLR of OGC WKT.
+    assert struct.unpack_from("<H", data, 6)[0] & 1 << 4
+    assert struct.unpack_from("<BB", data, 24) == (1, 4)
+    assert struct.unpack_from("<16sH", data, struct.unpack_from("<H", data, 94)[0] + 2) == (b"LASF_Projection\0", 2112)
+    assert b'PROJCS["ETRS89 / UTM zone 32N"' in data
+    assert struct.unpack_from("<HH", data, 90) == (0, 0)
+
+
+def test_a_map_that_is_too_large_for_millimetres_has_centimetres(tmp_path: Path) -> None:
+    """Protects from numbers that run over: LAS counts in 32 bits, 2147 km in mm."""
+    voxels = {(-14_000_000, 0, 0): 3000, (14_000_000, 5, 0): 3000}
+    write(of_voxels(voxels), tmp_path / "map.las")
+    cloud = laspy.read(tmp_path / "map.las")
+    assert (cloud.header.scales == 0.01).all()
+    assert np.abs(np.sort(cloud.x) - [-1_399_999.95, 1_400_000.05]).max() <= 0.005 + 1e-8
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("EPSG:4326", "is no projected system: a map is in m and not in degrees"),
+        ("EPSG:4978", "is no projected system"),
+        ("EPSG:2263", "counts east in US survey foot"),
+        ("EPSG:2053", "counts west in metre"),
+        ("EPSG:9999999", "the EPSG registry has no such"),
+        ("25832", "give its number as EPSG:NNNN"),
+        ("+proj=utm +zone=32", "give its number as EPSG:NNNN"),
+    ],
+)
+def test_a_coordinate_system_that_cannot_hold_a_map_is_refused(name: str, says: str) -> None:
+    """Protects from a map in degrees or feet, or mirrored."""
+    with pytest.raises(InputError, match=re.escape(says)):
+        CoordinateSystem.of(name)
+
+
+def test_a_place_where_the_system_is_not_used_is_said() -> None:
+    """Protects from a forgotten place, and from one with north before east."""
+    system = CoordinateSystem.of("EPSG:25832")
+    assert system.problem_at(UTM_M) is None
+    for place_m in ((0.0, 0.0, 0.0), (6_000_000.0, 500_000.0, 400.0)):
+        assert "EPSG:25832 is used from 6° to 12.01° east" in str(system.problem_at(place_m))
+    assert CoordinateSystem.of("EPSG:25832+7837").problem_at(UTM_M) is None
+    # Fiji lies on both sides of the date line.
+    assert CoordinateSystem.of("EPSG:3460").problem_at((2_000_000.0, 4_000_000.0, 0.0)) is None
 
 
 def test_no_date_is_no_date(tmp_path: Path) -> None:

@@ -95,7 +95,9 @@ TREE_AT = len(HEAD) + len("data\n")
         (b"", "no end"),
         (b"ply", "no end"),
         (b"ply\nformat\n", "begins neither"),
-        (HEAD.replace("OcTree\ns", "ColorOcTree\ns").encode() + b"data\n", "'ColorOcTree'; only 'OcTree'"),
+        (HEAD.replace("OcTree\ns", "CountingOcTree\ns").encode() + b"data\n", "'CountingOcTree'; 'OcTree' and 'Col"),
+        (HEAD.replace("OcTree\ns", "SemanticOcTree\ns").encode() + b"data\n", "of the kind 'SemanticOcTree'"),
+        (HEAD.replace("id OcTree\n", "").encode() + b"data\n", "of the kind ''"),
         (HEAD.replace("0.1", "0").encode() + b"data\n", "res = 0 m must be"),
         (HEAD.replace("0.1", "nan").encode() + b"data\n", "res in the header is nan"),
         (HEAD.replace("res 0.1\n", "").encode() + b"data\n", "res in the header is missing"),
@@ -138,10 +140,10 @@ def test_a_file_that_was_written_anew_is_not_read_on(tmp_path: Path) -> None:
         list(opened.pieces())
 
 
-@pytest.mark.parametrize("name", ["map.ply", "map", "map.journal"])
+@pytest.mark.parametrize("name", ["map.stl", "map", "map.journal"])
 def test_what_cannot_be_read_is_said(name: str, tmp_path: Path) -> None:
     """Protects from guessing which files hold a map."""
-    with pytest.raises(InputError, match=r"map\.journal.*\.bt or \.ot"):
+    with pytest.raises(InputError, match=r"map\.journal.*\.bt, \.ot, \.ply, \.pcd, \.las or \.laz"):
         open_map(tmp_path / name)
 
 

@@ -102,9 +102,9 @@ def test_what_is_written_is_read(source: Held, tmp_path: Path) -> None:
     assert contents(binary) == contents(Held(source.chunks, expected))
 
 
-def _their_tree() -> octomap.OcTree:
+def _their_tree(kind: type = octomap.OcTree) -> octomap.OcTree:
     """A tree that OctoMap built: a fan of rays, and a large cube that it pruned to one leaf above our chunks."""
-    tree = octomap.OcTree(0.1)
+    tree = kind(0.1)
     angles = np.linspace(0, 2 * np.pi, 400)
     points = np.stack([5 * np.cos(angles), 4 * np.sin(angles), np.sin(3 * angles)], axis=1)
     for _ in range(3):
@@ -137,6 +137,21 @@ def test_what_octomap_built_is_read(tmp_path: Path) -> None:
         known += int(np.count_nonzero(piece.values != NOTHING))
     # The cube alone is 32 voxels along each side.
     assert known > 32**3
+
+
+@pytest.mark.parametrize("suffix", ["ot", "bt"])
+def test_a_tree_with_colours_is_read_for_its_occupancy(tmp_path: Path, suffix: str) -> None:
+    """Protects maps of cameras with colours: three bytes more in each node, and the same log-odds in every voxel."""
+    for kind in (octomap.OcTree, octomap.ColorOcTree):
+        tree = _their_tree(kind)
+        if kind is octomap.ColorOcTree:
+            for place_m in ([5.0, 0.0, 0.0], [6.55, 6.55, 6.55]):
+                assert tree.setNodeColor(np.array(place_m), 200, 10, 30)
+        path = str(tmp_path / f"{kind.__name__}.{suffix}").encode()
+        assert tree.write(path) if suffix == "ot" else tree.writeBinary(path)
+    with_colours, without = (open_map(tmp_path / f"{name}.{suffix}") for name in ("ColorOcTree", "OcTree"))
+    assert contents(with_colours) == contents(without)
+    assert len(contents(without)) > 8
 
 
 def test_what_octomap_built_is_read_as_binary(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from sitl.mines.plan import extruded
 from sitl.mines.random_mine import drawn_network
 from sitl.scene.raycast import RayCaster
 from sitl.scene.visibility import traveling_surface
+from sitl.sim.nearest_start import Room
 from sitl.sim.start import check_start
 
 GENERATED = ("complex", "slope", "room", "random:0", "random:1")
@@ -315,8 +316,8 @@ def test_a_negative_seed_is_refused() -> None:
 )
 def test_a_start_in_the_wall_or_outside_is_refused(x_m: float, y_m: float, z_m: float, says: str) -> None:
     with pytest.raises(InputError, match=says):
-        check_start(world_of("room"), caster_of("room"), Pose(0.0, x_m, y_m, z_m, 0.0), radius_m=0.3)
+        check_start(world_of("room"), caster_of("room"), Pose(0.0, x_m, y_m, z_m, 0.0), Room(0.3, 1.0, 0.5))
 
 
 def test_a_start_with_room_around_it_is_accepted() -> None:
-    check_start(world_of("room"), caster_of("room"), Pose(0.0, 3.0, 1.8, 1.0, 0.0), radius_m=0.9)
+    check_start(world_of("room"), caster_of("room"), Pose(0.0, 3.0, 1.8, 1.0, 0.0), Room(0.9, 1.0, 0.5))

@@ -16,10 +16,12 @@ from companion.model import Pose
 from sitl.mines import World, load_world
 from sitl.mines.placing import Reading
 from sitl.scene.raycast import RayCaster
+from sitl.sim.nearest_start import Room
 from sitl.sim.simulation import Simulation
 from sitl.sim.start import check_start, remarks_on_start
 
 START = (3.0, 1.8, 1.0, 0.5)
+ROOM = Room(0.3, 1.0, 0.5)
 
 
 def written(path: Path, vertices: NDArray[np.float64], triangles: NDArray[np.int32]) -> str:
@@ -156,7 +158,7 @@ class TestStart:
         world = self.opened(room)
         caster = RayCaster(world)
         assert world.start is not None
-        check_start(world, caster, world.start, radius_m=0.3)
+        check_start(world, caster, world.start, ROOM)
         assert remarks_on_start(world, caster) == (
             "no roof above the start: what is open to the sky is flown in as well",
         )
@@ -184,11 +186,17 @@ class TestStart:
         world = load_world(file_of(room, tmp_path / "cm.ply", 100.0), 0, (300.0, 180.0, 100.0, 0.0))
         assert world.start is not None
         with pytest.raises(InputError, match=r"nearest surface is 100 m away.*--scale \(0.01 for centimetres"):
-            check_start(world, RayCaster(world), world.start, radius_m=0.3)
+            check_start(world, RayCaster(world), world.start, ROOM)
+
+    def test_where_nothing_has_a_roof_a_place_without_one_is_named(self, room: World) -> None:
+        """Protects an open pit: the place that would do is under the sky as well, and in the file's coordinates."""
+        world = replace(self.opened(room), origin_m=(500_000.0, 0.0, 0.0))
+        with pytest.raises(InputError, match=r"would do: --start 50000\d\.\d\d "):
+            check_start(world, RayCaster(world), Pose(0.0, 0.1, 1.8, 1.0, 0.0), ROOM)
 
     def test_a_start_outside_is_refused_in_the_coordinates_of_the_file(self, tmp_path: Path, room: World) -> None:
         path = file_of(room, tmp_path / "utm.ply", shift=(500_000.0, 6_000_000.0, 0.0))
         world = load_world(path, 0, (500_003.0, 6_000_009.0, 1.0, 0.0))
         assert world.start is not None
         with pytest.raises(InputError, match=r"start \(500003.00, 6000009.00, 1.00\).*x 500000.00 to 500010.00"):
-            check_start(world, RayCaster(world), world.start, radius_m=0.3)
+            check_start(world, RayCaster(world), world.start, ROOM)
