@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.config.settings import Settings
+from companion.control.known_ground import Outlook
 from companion.control.navigator import Navigator
 from companion.model import Input, Measurement, Mode, Observation, Setpoint
 from companion.perception import Extractor
@@ -73,8 +74,9 @@ class Explorer:
     """
 
     def __init__(self, settings: Settings, rng: np.random.Generator) -> None:
-        height_m = settings.control.height_m
-        self.navigator = Navigator(settings.control, rng, settings.sensors.camera.sees_from_m(height_m))
+        camera = settings.sensors.camera
+        reach_m = min(camera.max_range_m, settings.mapping.max_range_m)
+        self.navigator = Navigator(settings.control, rng, Outlook.of(*camera.elevations_rad(), reach_m))
         self._extractor = Extractor(settings.sensors, settings.vehicle, settings.control.height_m)
 
     def look(self, observation: Observation) -> Measurement:

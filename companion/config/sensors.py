@@ -99,12 +99,6 @@ class CameraSettings(Section):
             mount_pitch_rad=math.radians(self.mount_pitch_deg),
         )
 
-    def sees_from_m(self, height_m: float) -> float:
-        """How far ahead it sees what is so much higher, and so much lower; infinite when it does not see both."""
-        lowest_rad, highest_rad = self.elevations_rad()
-        least_rad = min(-lowest_rad, highest_rad)
-        return height_m / math.tan(least_rad) if least_rad > 0.0 else math.inf
-
     def elevations_rad(self) -> tuple[float, float]:
         """The lowest and the highest direction that it sees, upward positive, on a vehicle that hovers level."""
         half_rad, down_rad = math.radians(self.vertical_fov_deg) / 2.0, math.radians(self.mount_pitch_deg)

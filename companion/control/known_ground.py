@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +22,9 @@ from companion.model import HIT, UNKNOWN, Measurement, Pose, Scan
 CELL_M = 0.5
 """Size of a cell: a fraction of any drift that a vehicle fits through, and few enough cells for a search in a tick."""
 
-SEEN_FROM_M, LOOK_M = 2.76, 5.0
-"""Ground counts as seen between these distances. Nearer, floor and roof 1.5 m below and above lie outside of the
-picture of a camera that sees 57° upright, and what is only passed beside or in a turn stays unseen; further, depth is
-not good enough for a map."""
+LOOK_M, LOOK_DEEP_M = 5.0, 1.0
+"""Ground counts as seen as far as this, and where the roof is so high that it comes into the picture only there, so
+much further."""
 
 FIRST_CELLS, MOST_CELLS = 256, 2048
 """Side of the grid at the start and at most, in cells: 128 m, doubled as needed up to 1 km. Ground outside of the
@@ -39,6 +39,40 @@ MOST_BLOCKED = 256
 
 HIGHEST_M = 3000.0
 """Above and below the origin of the flight: heights are kept as 16 bits of decimetres."""
+
+
+class Outlook(NamedTuple):
+    """What of floor and roof the camera sees from a vehicle that hovers level.
+
+    Attributes:
+        down: how far ahead its lowest ray meets a floor that lies a metre below; infinite when it never does.
+        up: the same for its highest ray, and a roof a metre above.
+        reach_m: how far the map believes it.
+    """
+
+    down: float
+    up: float
+    reach_m: float
+
+    @classmethod
+    def of(cls, lowest_rad: float, highest_rad: float, reach_m: float) -> Outlook:
+        """That of a camera whose image ends at these elevations, upward positive."""
+        down, up = (1.0 / math.tan(off) if off > 0.0 else math.inf for off in (-lowest_rad, highest_rad))
+        return cls(down, up, reach_m)
+
+    def seen_m(self, h_m: float, roof_m: float) -> tuple[float, float]:
+        """Between which distances ground counts as seen, floor and roof being so far below and above.
+
+        Nearer they lie outside of the picture, and what is only passed beside or in a turn stays unseen: corners most
+        of all. Under a roof that never comes into the picture the furthest half metre counts.
+        """
+        from_m = max(h_m * self.down, roof_m * self.up)
+        to_m = min(max(LOOK_M, from_m + LOOK_DEEP_M), self.reach_m)
+        return max(min(from_m, to_m - CELL_M), 0.0), to_m
+
+
+UPRIGHT_57_DEG = Outlook.of(-math.radians(28.5), math.radians(28.5), 6.0)
+"""That of the camera of preset flight."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,11 +125,11 @@ class KnownGround:
     """A grid of unseen, free and wall cells about the place where the flight began, by levels.
 
     Args:
-        seen_from_m: nearer, floor and roof are not in the picture.
+        outlook: what the camera sees of floor and roof.
     """
 
-    def __init__(self, seen_from_m: float = SEEN_FROM_M) -> None:
-        self._seen_from_m = min(seen_from_m, LOOK_M - CELL_M)
+    def __init__(self, outlook: Outlook = UPRIGHT_57_DEG) -> None:
+        self._outlook = outlook
         self._grid = GroundGrid.unseen(FIRST_CELLS, FIRST_CELLS)
         self._origin: tuple[float, float] | None = None
         self._blocked: deque[Place] = deque(maxlen=MOST_BLOCKED)
@@ -111,13 +145,17 @@ class KnownGround:
         while not self._holds(pose) and self._grow():
             pass
         below = Place.under(pose, measurement.h_m)
+        # A height that is not known is taken for that of the other one.
+        h_m = _first(measurement.h_m, measurement.roof_m)
+        from_m, to_m = self._outlook.seen_m(h_m, _first(measurement.roof_m, h_m))
         had_room = _see(
             self._grid,
             (pose.x_m - self._origin[0]) / CELL_M,
             (pose.y_m - self._origin[1]) / CELL_M,
             pose.yaw_rad,
             scan,
-            self._seen_from_m,
+            from_m,
+            to_m,
             below.ground_dm,
             measurement.ground_slope or 0.0,
         )
@@ -186,6 +224,11 @@ class KnownGround:
         return True
 
 
+def _first(*numbers: float | None) -> float:
+    """The first that is known; 0 when none is."""
+    return next((number for number in numbers if number is not None), 0.0)
+
+
 @compiled
 def _give_up(grid: GroundGrid, row: int, column: int, reach: int, ground_dm: int) -> None:
     """What is unseen at that height in a cell and so many around it is given up."""
@@ -204,6 +247,7 @@ def _see(
     yaw_rad: float,
     scan: Scan,
     seen_from_m: float,
+    seen_to_m: float,
     ground_dm: int,
     slope: float,
 ) -> bool:
@@ -212,7 +256,7 @@ def _see(
     Returns:
         whether the grid had a level for all of it.
     """
-    look_from, look = seen_from_m / CELL_M, LOOK_M / CELL_M
+    look_from, look = seen_from_m / CELL_M, seen_to_m / CELL_M
     side = grid.cells.shape[1]
     had_room = True
     for i in range(scan.bearings_rad.size):

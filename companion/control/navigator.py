@@ -12,7 +12,7 @@ from companion.control.decisions import Choice, LapCounter, TangentLedger
 from companion.control.edges import Edge
 from companion.control.governor import ROOM_M, governed_speed_mps
 from companion.control.informed import Way
-from companion.control.known_ground import SEEN_FROM_M, KnownGround
+from companion.control.known_ground import UPRIGHT_57_DEG, KnownGround, Outlook
 from companion.control.panorama import Panorama
 from companion.control.parameters import Parameters
 from companion.control.ramp import Ramp
@@ -66,10 +66,10 @@ class Navigator:
     Args:
         parameters: the law's settings.
         rng: the only source of randomness: the side of the initial circle, the draws at tangents.
-        seen_from_m: nearer than this floor and roof are not in the camera's picture.
+        outlook: what the camera sees of floor and roof.
     """
 
-    def __init__(self, parameters: Parameters, rng: np.random.Generator, seen_from_m: float = SEEN_FROM_M) -> None:
+    def __init__(self, parameters: Parameters, rng: np.random.Generator, outlook: Outlook = UPRIGHT_57_DEG) -> None:
         self.parameters = parameters
         self.height_m = parameters.height_m
         """H, which law (11) changes when several vehicles share the mine."""
@@ -81,7 +81,7 @@ class Navigator:
         half_turn_s = math.pi / parameters.max_yaw_rate_radps
         self._progress = Progress(parameters.target_timeout_factor * half_turn_s)
         self._ledger = TangentLedger(parameters.margin_m, FORGET_TANGENT_S)
-        self._ground = KnownGround(seen_from_m)
+        self._ground = KnownGround(outlook)
         self._choice = Choice(parameters, self._ground)
         self._laps = LapCounter()
         self._ramp = Ramp(parameters.max_accel_mps2, parameters.period_s)

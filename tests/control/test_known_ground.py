@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from companion.config.sensors import CameraSettings
 from companion.control.ground_grid import FREE, LEVEL_DM, WALL, level_at
 from companion.control.informed import WallFollowing, find_ways
-from companion.control.known_ground import CELL_M, FIRST_CELLS, MOST_CELLS, SEEN_FROM_M, KnownGround, Place
+from companion.control.known_ground import CELL_M, FIRST_CELLS, MOST_CELLS, UPRIGHT_57_DEG, KnownGround, Outlook, Place
 from companion.model import Measurement, Pose
 from tests.control.scene import Scene, measurement
 from tests.control.stages import compiled, random_scan
@@ -159,18 +159,35 @@ def test_a_way_has_a_length_whatever_was_seen(seed: int, place: Place, direction
     assert way is None or 0.0 <= way.length_m < math.inf
 
 
-def test_ground_is_seen_from_where_the_camera_sees_floor_and_roof() -> None:
-    """Protects the corners: what is nearer is in no picture, and was looked for by laps when it counted as seen."""
-    camera = CameraSettings()
-    assert camera.sees_from_m(1.5) == pytest.approx(SEEN_FROM_M, abs=0.01)
-    assert CameraSettings(mount_pitch_deg=10.0).sees_from_m(1.5) > 4.0, "the roof is seen from further off"
-    assert CameraSettings(mount_pitch_deg=30.0).sees_from_m(1.5) == math.inf
-    near, far = KnownGround(1.0), KnownGround(3.0)
-    for ground in (near, far):
-        look(ground, DRIFT, at(0.0))
-    place = Place(2.25, 0.0, 0.0)
-    assert way_m(far, place, EAST, 1) == 0.0
-    assert way_m(near, place, EAST, 1) > 0.0
+class TestOutlook:
+    """Ground counts as seen from where the camera sees its floor and its roof."""
+
+    def test_what_is_nearer_is_in_no_picture(self) -> None:
+        """Protects the corners that are only passed: they were looked for by laps when they counted as seen."""
+        assert UPRIGHT_57_DEG.seen_m(1.5, 1.5) == pytest.approx((2.76, 5.0), abs=0.01)
+        level, tilted = (CameraSettings(mount_pitch_deg=pitch) for pitch in (0.0, 10.0))
+        assert Outlook.of(*level.elevations_rad(), 6.0) == pytest.approx(UPRIGHT_57_DEG)
+        assert Outlook.of(*tilted.elevations_rad(), 6.0).seen_m(1.5, 1.5)[0] > 4.0, "the roof is seen from further off"
+
+    def test_a_high_roof_is_seen_from_further_away(self) -> None:
+        """Protects the roof over a corner: 2.1 m above the vehicle it comes into the picture at 3.9 m."""
+        near, far = KnownGround(), KnownGround()
+        for ground, roof_m in ((near, 1.5), (far, 2.1)):
+            ground.see(replace(DRIFT.measure(at(0.0)), roof_m=roof_m), at(0.0))
+        place = Place(3.25, 0.0, 0.0)
+        assert way_m(near, place, EAST, 1) > 0.0
+        assert way_m(far, place, EAST, 1) == 0.0
+
+    def test_what_never_comes_into_the_picture_holds_nobody_up(self) -> None:
+        """Protects from a mine of which nothing ever counts as seen: a hall, or a camera that looks down."""
+        assert UPRIGHT_57_DEG.seen_m(1.5, 30.0) == (5.5, 6.0)
+        assert Outlook.of(-1.0, -0.1, 6.0).seen_m(1.5, 1.5) == (5.5, 6.0)
+
+    @given(h_m=st.floats(0.0, 1e4), roof_m=st.floats(0.0, 1e4), reach_m=st.floats(0.5, 30.0))
+    def test_there_is_always_something_to_see(self, h_m: float, roof_m: float, reach_m: float) -> None:
+        """Whatever the heights: from nearer to further, and no further than the map believes."""
+        from_m, to_m = Outlook.of(-0.5, 0.4, reach_m).seen_m(h_m, roof_m)
+        assert 0.0 <= from_m < to_m <= reach_m
 
 
 class TestLevels:
