@@ -77,6 +77,13 @@ def names_and_values(rows: Iterable[tuple[str, str]]) -> str:
     return f"<table>\n{lines}</table>"
 
 
+def table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table of many columns, which scrolls by itself where the window is narrower."""
+    head = "".join(f"<th>{prose(heading)}</th>" for heading in headings)
+    lines = "".join(f"<tr>{''.join(f'<td>{prose(cell)}</td>' for cell in row)}</tr>\n" for row in rows)
+    return f'<div class="wide"><table>\n<tr>{head}</tr>\n{lines}</table></div>'
+
+
 def links(files: Iterable[tuple[str, str]]) -> str:
     """Files beside the page, and what each is."""
     lines = "".join(f'<li><a href="{name}">{name}</a> <span>{what}</span></li>\n' for name, what in files)
