@@ -16,7 +16,7 @@ from sitl.report.style import CRITICAL, FAINT_INK, HALF_WIDTH_IN, INK, VEHICLE_C
 from sitl.sim.simulation import COMPLETE_SHARE
 
 MOST_CURVES = len(VEHICLE_COLOURS)
-"""Groups beyond have grey curves: more colours could not be told apart."""
+"""Groups beyond have grey curves, which the legend calls the others: more colours could not be told apart."""
 
 _HEIGHT_IN = 4.6
 _HALF_HEIGHT_IN = 3.4
@@ -92,7 +92,9 @@ def completeness_picture(groups: Sequence[Group]) -> bytes:
 
 def bands(groups: Sequence[Group]) -> str:
     """What the caption of `times_picture` says of its bounds."""
-    return f"The bands are its {CONFIDENCE:.0%} bounds at each time." if len(groups) <= _MOST_BANDED else ""
+    return (
+        f"The bands are its bounds at {100.0 * CONFIDENCE:.0f} % at each time." if len(groups) <= _MOST_BANDED else ""
+    )
 
 
 def _limit(axes: Axes, value: float, name: str) -> None:
@@ -105,4 +107,6 @@ def _colour(index: int) -> str:
 
 
 def _label(index: int, group: Group) -> str:
-    return group.name if index < MOST_CURVES else ""
+    if index > MOST_CURVES:
+        return ""
+    return group.name if index < MOST_CURVES else "others"

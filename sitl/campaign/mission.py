@@ -107,10 +107,12 @@ def figures(simulation: Simulation) -> Row:
         "slow_share": _mean(speeds_mps < SLOW_MPS, 3),
         "in_d_c_share": _mean(near, 5),
         "critical_margin_m": simulation.settings.control.critical_margin_m,
+        "error": None,
+        "error_details": None,
     }
 
 
-def failure(error: str, details: str = "") -> Row:
+def failure(error: str, details: str | None = None) -> Row:
     """The figures of a mission that has none."""
     return {"ended_because": FAILED, "error": error, "error_details": details}
 

@@ -47,7 +47,8 @@ def _page(folder: Path, campaign: Campaign, rows: Sequence[Row], worst: Sequence
     title = f"Campaign {folder.resolve().name}"
     state, sentence = _verdict(everything, len(campaign.missions))
     compared = f"{len(groups)} groups compared: {', '.join(campaign.several) or 'worlds'}"
-    facts = f"{len({row['given_world'] for row in rows})} worlds · {compared} · {campaign.identity['software']}"
+    worlds = len({row["given_world"] for row in rows})
+    facts = f"{worlds} world{'s' * (worlds != 1)} · {compared} · {campaign.identity['software']}"
     times = Picture(
         times_picture(groups),
         "The share of the missions whose map was complete after the time below: look for curves that rise late, and "
@@ -66,7 +67,7 @@ def _page(folder: Path, campaign: Campaign, rows: Sequence[Row], worst: Sequence
 <h2>Groups</h2>
 {html.table(_HEADINGS, [_line(group) for group in [*cells(campaign, rows), everything]])}
 <h2>The worst missions, and how to fly them again</h2>
-{html.table(("mission", "world", "seed", "of group", "why", "command"), named)}
+{html.table(("mission", "world", "seed", "of group", "why", "command"), named, code=(5,))}
 <h2>Files beside this report</h2>
 {html.links(_FILES)}""",
     )
@@ -76,7 +77,8 @@ def _halves(groups: Sequence[Group]) -> Iterator[Picture]:
     critical_m = {value for group in groups for value in group.figures("critical_margin_m")}
     yield Picture(
         shares_picture(groups, "path_length_m", "length of the way in m"),
-        "The share of the missions whose way was at most so long, complete or not: look for long tails.",
+        "The share of the missions whose way was at most so long, complete or not, in the colours from above: look for "
+        "long tails.",
         half=True,
     )
     yield Picture(
@@ -145,7 +147,7 @@ def _line(group: Group) -> tuple[str, ...]:
         group.name,
         str(len(group.rows)),
         str(group.failed),
-        f"{_share(group.complete, flown)} ({_between(group.complete, flown)})",
+        f"{group.complete} of {flown} ({_between(group.complete, flown)})",
         f"{group.contacts} ({_below(group.contacts, flown)})",
         *(_time(group.time_quantile_s(share)) for share in (0.5, 0.9, 1.0)),
         _metres(group.median("path_length_m"), 0),
@@ -156,18 +158,23 @@ def _line(group: Group) -> tuple[str, ...]:
 
 
 def _share(count: int, of: int) -> str:
-    return f"{count / of:.1%}" if of else UNKNOWN
+    # Rounded down: one of thousands that is missing must not read as 100 %.
+    return _percent(math.floor(1000.0 * count / of) / 1000.0) if of else UNKNOWN
 
 
 def _between(count: int, of: int) -> str:
     if not of:
         return "none was flown"
     low, high = wilson(count, of)
-    return f"{low:.1%} to {high:.1%} at {CONFIDENCE:.0%}"
+    return f"{_percent(low)} to {_percent(high)} at {_percent(CONFIDENCE, 0)}"
 
 
 def _below(count: int, of: int) -> str:
-    return f"in at most {at_most(count, of):.2%} of missions at {CONFIDENCE:.0%}" if of else "none was flown"
+    return f"in at most {_percent(at_most(count, of), 2)} at {_percent(CONFIDENCE, 0)}" if of else "none was flown"
+
+
+def _percent(share: float, digits: int = 1) -> str:
+    return f"{100.0 * share:.{digits}f} %"
 
 
 def _time(time_s: float) -> str:

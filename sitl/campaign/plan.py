@@ -16,6 +16,7 @@ from companion.config.settings import Settings
 from companion.config.source import MAX_PROBLEMS
 from companion.config.vary import value_of, vary
 from companion.errors import InputError
+from sitl.campaign import ranges
 from sitl.campaign.description import Description, Draw
 from sitl.campaign.mission import Mission, plain
 from sitl.campaign.software import software
@@ -71,7 +72,7 @@ def plan(described: Description) -> Campaign:
     _raise(problems)
     shown = asdict(described) | {
         "presets": sorted({variant.preset for variant in variants}),
-        "seeds": list(described.seeds),
+        "seeds": ranges.listed(described.seeds),
         "config": None if described.config is None else _digest(described.config.read_bytes()),
         "worlds": {name: _world_stamp(world) for name, world in worlds.items()},
         "software": software(),

@@ -52,6 +52,17 @@ def names(value: object, place: str) -> tuple[str, ...]:
     return tuple(_once(_items(value, place), place))
 
 
+def listed(numbers: Iterable[int]) -> str:
+    """Numbers as `seeds` reads them, as short as possible."""
+    spans: list[tuple[int, int]] = []
+    for number in numbers:
+        if spans and number == spans[-1][1] + 1:
+            spans[-1] = (spans[-1][0], number)
+        else:
+            spans.append((number, number))
+    return ",".join(str(first) if first == last else f"{first}..{last}" for first, last in spans)
+
+
 def _items(value: object, place: str) -> list[str]:
     listed = value if isinstance(value, list) else [value]
     if not all(isinstance(item, str) or (isinstance(item, int) and not isinstance(item, bool)) for item in listed):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib import resources
@@ -77,10 +77,12 @@ def names_and_values(rows: Iterable[tuple[str, str]]) -> str:
     return f"<table>\n{lines}</table>"
 
 
-def table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table of many columns, which scrolls by itself where the window is narrower."""
+def table(headings: Sequence[str], rows: Iterable[Sequence[str]], code: Collection[int] = ()) -> str:
+    """A table of many columns, which scrolls by itself where the window is narrower; those in ``code`` are typed."""
     head = "".join(f"<th>{prose(heading)}</th>" for heading in headings)
-    lines = "".join(f"<tr>{''.join(f'<td>{prose(cell)}</td>' for cell in row)}</tr>\n" for row in rows)
+    lines = "".join(
+        f"<tr>{''.join(_cell(cell, index in code) for index, cell in enumerate(row))}</tr>\n" for row in rows
+    )
     return f'<div class="wide"><table>\n<tr>{head}</tr>\n{lines}</table></div>'
 
 
@@ -98,6 +100,10 @@ def folded(summary: str, text: str) -> str:
 def prose(text: str) -> str:
     """Our own words, with the symbols of the paper set as it sets them."""
     return re.sub(r"\b([dt])_([a-z])\b", r"<i>\1</i><sub>\2</sub>", escape(text))
+
+
+def _cell(text: str, typed: bool) -> str:
+    return f"<td><code>{escape(text)}</code></td>" if typed else f"<td>{prose(text)}</td>"
 
 
 def _card(card: Card) -> str:
