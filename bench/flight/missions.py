@@ -16,8 +16,9 @@ from pathlib import Path
 from bench.common import Row, camera_rate, parser, say, show, write
 from companion.errors import CompanionError
 from sitl.campaign.description import read
+from sitl.campaign.flight import SLOW_MPS, fly
 from sitl.campaign.given import Given
-from sitl.campaign.mission import FAILED, SLOW_MPS, fly
+from sitl.campaign.mission import FAILED
 from sitl.campaign.plan import plan
 from sitl.campaign.run import run
 from sitl.campaign.workers import LocalWorkers

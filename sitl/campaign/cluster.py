@@ -6,6 +6,7 @@ from concurrent.futures import Future
 from typing import Self
 
 from distributed import Client, KilledWorker
+from distributed.comm.addressing import get_address_host_port
 
 from companion.errors import CompanionError, InputError
 from sitl.campaign.mission import Mission, Row
@@ -36,6 +37,7 @@ class Cluster:
     def __init__(self, address: str) -> None:
         self._address = address
         try:
+            get_address_host_port(address)  # the client would fail only when it is taken away
             self._client = Client(address, timeout=CONNECT_S, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             raise InputError(

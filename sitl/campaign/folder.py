@@ -4,22 +4,40 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from companion.config.source import as_yaml
 from companion.errors import InputError
 from companion.mapping.files.whole import whole_file
-from sitl.campaign.plan import Campaign
+from sitl.campaign.ledger import Ledger
+from sitl.campaign.mission import Campaign
 
 IDENTITY = "campaign.json"
 
 
-def claim(folder: Path, campaign: Campaign) -> None:
-    """Make a folder that of a campaign; one that is already goes on.
+@contextmanager
+def claimed(folder: Path, campaign: Campaign) -> Iterator[Ledger]:
+    """The missions that a campaign has flown in its folder; a new folder in which none was flown goes away again.
 
     Raises:
-        InputError: it is that of another campaign, or of none, or cannot be made.
+        InputError: it is the folder of another campaign, or of none, or cannot be made, or another command flies it.
     """
+    made = not folder.exists()
+    new = _claim(folder, campaign)
+    with Ledger(folder) as ledger:
+        try:
+            yield ledger
+        finally:
+            if new and not ledger.rows:
+                ledger.path.unlink()
+                (folder / IDENTITY).unlink()
+                if made:
+                    folder.rmdir()
+
+
+def _claim(folder: Path, campaign: Campaign) -> bool:
+    """Make a folder that of a campaign, and return whether it was not before."""
     file = folder / IDENTITY
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -28,9 +46,9 @@ def claim(folder: Path, campaign: Campaign) -> None:
                 raise InputError(f"--out {folder}: is not empty and holds no {IDENTITY}; give a new name")
             with whole_file(file) as stream:
                 stream.write((json.dumps(campaign.identity, indent=2) + "\n").encode())
-            return
+            return True
         there = json.loads(file.read_text(encoding="utf-8"))
-    except FileExistsError:
+    except (FileExistsError, NotADirectoryError):
         raise InputError(f"--out {folder}: is no folder; give a new name") from None
     except OSError as error:
         raise InputError(f"--out {folder}: {error.strerror}; give a folder that you may write") from None
@@ -44,6 +62,7 @@ def claim(folder: Path, campaign: Campaign) -> None:
                 + [f"  {line}" for line in different]
             )
         )
+    return False
 
 
 def differences(there: object, here: object, name: str = "") -> Iterator[str]:

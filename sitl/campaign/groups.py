@@ -8,8 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sitl.campaign.mission import FAILED, Row
-from sitl.campaign.plan import Campaign
+from sitl.campaign.mission import FAILED, Campaign, Row
 from sitl.report.cards import number
 
 

@@ -1,31 +1,20 @@
-"""One mission of a campaign: what it is made of, and the row that it leaves."""
+"""What a campaign is made of: its missions, and the rows that they leave."""
 
 from __future__ import annotations
 
 import math
-import threading
-import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from companion.config.settings import Settings
-from sitl.mines import load_world
-from sitl.sim.simulation import Simulation
 
 Row = dict[str, object]
 """Names of figures and their values, as JSON holds them: None where something is not known."""
 
-SLOW_MPS = 0.1
-"""Below this a vehicle stands, or turns on the spot."""
-
 FAILED = "failed"
 """Why a mission has ended that raised an error, or whose processes died."""
-
-_ONE_A_PROCESS = threading.Lock()
-"""Open3D and compiled functions use threads of their own: a process with several, as Dask has, flies one at a time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,40 +65,20 @@ class Mission:
         }
 
 
-def fly(mission: Mission) -> Row:
-    """Fly a mission and return its figures; one that raises is told as one that failed, with its error.
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """What is flown.
 
-    Raises:
-        KeyboardInterrupt: it was interrupted, and has no result.
+    Attributes:
+        missions: in the order in which they are begun: of every group of missions the first seed comes first, so that a
+            campaign that is ended early still compares them.
+        identity: what decides about the missions, as JSON: two campaigns are the same where this is.
+        several: what is compared: ``preset``, ``case`` and full names of settings, where there is more than one value.
     """
-    try:
-        with _ONE_A_PROCESS:
-            world = load_world(mission.world, mission.seed, mission.start)
-            simulation = Simulation(world, mission.settings, mission.seed, mission.vehicles)
-            simulation.run(mission.time_limit_s)
-            found = figures(simulation)
-    except Exception as error:  # noqa: BLE001 - one bad mission must not end the thousand others
-        return failure(f"{type(error).__name__}: {error}", traceback.format_exc())
-    if simulation.ended_because == "stopped by the user":
-        raise KeyboardInterrupt
-    return found
 
-
-def figures(simulation: Simulation) -> Row:
-    """What `Simulation.score` says of a mission that has ended, and how fast and how near to walls it flew."""
-    score = simulation.score()  # fills in the true distances of the logs
-    speeds_mps = np.concatenate([np.abs(flight.log.column("speed_mps")) for flight in simulation.flights])
-    true_d_m = np.concatenate([flight.log.column("true_d_m") for flight in simulation.flights])
-    near = true_d_m[np.isfinite(true_d_m)] < simulation.settings.control.critical_margin_m
-    return {
-        **{name: plain(value) for name, value in score.items()},
-        "speed_mps": _mean(speeds_mps, 3),
-        "slow_share": _mean(speeds_mps < SLOW_MPS, 3),
-        "in_d_c_share": _mean(near, 5),
-        "critical_margin_m": simulation.settings.control.critical_margin_m,
-        "error": None,
-        "error_details": None,
-    }
+    missions: tuple[Mission, ...]
+    identity: Mapping[str, object]
+    several: tuple[str, ...]
 
 
 def failure(error: str, details: str | None = None) -> Row:
@@ -126,7 +95,3 @@ def plain(value: object) -> object:
     if isinstance(value, list | tuple):
         return [plain(part) for part in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _mean(values: NDArray[np.float64] | NDArray[np.bool_], digits: int) -> float | None:
-    return round(float(np.mean(values)), digits) if values.size else None

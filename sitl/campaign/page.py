@@ -10,8 +10,7 @@ from companion.mapping.files.whole import whole_file
 from sitl.campaign.bounds import CONFIDENCE, at_most, wilson
 from sitl.campaign.curves import bands, completeness_picture, shares_picture, times_picture
 from sitl.campaign.groups import Group, cells, kinds, variant_name, world_name
-from sitl.campaign.mission import Row
-from sitl.campaign.plan import Campaign
+from sitl.campaign.mission import Campaign, Row
 from sitl.campaign.worst import Worst, again, worst_of, write_settings
 from sitl.report import html
 from sitl.report.cards import UNKNOWN, Card, State, seconds

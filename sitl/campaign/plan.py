@@ -18,7 +18,7 @@ from companion.config.vary import value_of, vary
 from companion.errors import InputError
 from sitl.campaign import ranges
 from sitl.campaign.description import Description, Draw
-from sitl.campaign.mission import Mission, plain
+from sitl.campaign.mission import Campaign, Mission, plain
 from sitl.campaign.software import software
 from sitl.mines import World, load_world
 from sitl.scene.raycast import RayCaster
@@ -26,22 +26,6 @@ from sitl.sim.start import start_poses
 
 MOST_MISSIONS = 100_000
 """A campaign of more is a typing error: a hundred computers would need weeks."""
-
-
-@dataclass(frozen=True, slots=True)
-class Campaign:
-    """What is flown.
-
-    Attributes:
-        missions: in the order in which they are begun: of every group of missions the first seed comes first, so that a
-            campaign that is ended early still compares them.
-        identity: what decides about the missions, as JSON: two campaigns are the same where this is.
-        several: what is compared: ``preset``, ``case`` and full names of settings, where there is more than one value.
-    """
-
-    missions: tuple[Mission, ...]
-    identity: Mapping[str, object]
-    several: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)

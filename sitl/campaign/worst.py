@@ -9,8 +9,7 @@ from pathlib import Path
 
 from companion.config.show import dump_yaml
 from companion.mapping.files.whole import whole_file
-from sitl.campaign.mission import FAILED, Mission, Row
-from sitl.campaign.plan import Campaign
+from sitl.campaign.mission import FAILED, Campaign, Mission, Row
 from sitl.report.cards import number
 
 AGAIN = "again"

@@ -18,12 +18,13 @@ from companion.config.source import as_yaml
 from companion.errors import CompanionError, InputError
 from sitl.campaign import table
 from sitl.campaign.description import read
-from sitl.campaign.folder import claim
+from sitl.campaign.flight import fly
+from sitl.campaign.folder import claimed
 from sitl.campaign.given import Given, scalar
 from sitl.campaign.ledger import Ledger
-from sitl.campaign.mission import FAILED, Row, fly
+from sitl.campaign.mission import FAILED, Campaign, Row
 from sitl.campaign.page import REPORT, write_report
-from sitl.campaign.plan import Campaign, plan
+from sitl.campaign.plan import plan
 from sitl.campaign.progress import CampaignProgress
 from sitl.campaign.run import run
 from sitl.campaign.workers import LocalWorkers, Workers
@@ -89,8 +90,7 @@ def montecarlo(
     with console.status("preparing the missions"):
         campaign = plan(described)
     folder = default_folder("campaign", len(campaign.missions)) if out is None else out
-    claim(folder, campaign)
-    with Ledger(folder) as ledger:
+    with claimed(folder, campaign) as ledger:
         _fly(campaign, ledger, _workers(jobs, scheduler), folder, console, retry_failed)
         rows = list(ledger.rows.values())
     console.print(f"look at: {folder / REPORT}", highlight=False, soft_wrap=True)
