@@ -56,7 +56,8 @@ def _told(error: Any, values: Mapping[str, object], place: Callable[[str], str])
         where = ", ".join(dict.fromkeys(map(place, names))) or "default"
         return f"{where}: {error['msg']}"
     key: Key = tuple(str(part) for part in error["loc"])
-    # A message about an element of a list, or about a section that is not there, is about the name that brought it.
-    name = next((".".join(key[:n]) for n in range(len(key), 0, -1) if ".".join(key[:n]) in values), ".".join(key))
+    found = ".".join(key)
+    # What is wrong may be an element of the list that was given, or the number in which a section was given.
+    name = next((name for name in values if f"{found}.".startswith(f"{name}.") or name.startswith(f"{found}.")), found)
     said = unknown_key(key) if error["type"] == "extra_forbidden" else bad_value(key, error)
     return f"{place(name)}: {said}"

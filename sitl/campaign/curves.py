@@ -50,7 +50,8 @@ def times_picture(groups: Sequence[Group]) -> bytes:
         axes.yaxis.set_major_formatter(PercentFormatter(1.0))
         axes.set_xlabel("simulated time t in s")
         axes.set_ylabel("P($t_f$ ≤ t)")
-        axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), handlelength=1.4)
+        if axes.get_lines():
+            axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), handlelength=1.4)
 
     return picture(WIDTH_IN, _HEIGHT_IN, draw)
 

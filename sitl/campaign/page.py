@@ -117,7 +117,7 @@ def _verdict(everything: Group, asked: int) -> tuple[State, str]:
 
 def _cards(everything: Group, asked: int) -> list[Card]:
     flown, least_m = everything.flown, min(everything.figures("least_d_m"), default=None)
-    critical_m = min(everything.figures("critical_margin_m"), default=math.nan)
+    critical_m = min(everything.figures("critical_margin_m"), default=None)
     below = sum(float(str(row["in_d_c_share"])) > 0.0 for row in flown if row.get("in_d_c_share") is not None)
     way_m, simulated_s = everything.median("path_length_m"), sum(everything.figures("sim_time_s"))
     return [
@@ -130,8 +130,9 @@ def _cards(everything: Group, asked: int) -> list[Card]:
         Card("Time to a complete map, t_f, median", _time(everything.time_quantile_s(0.5)),
              f"90 % within {_time(everything.time_quantile_s(0.9))}, "
              f"all within {_time(everything.time_quantile_s(1.0))}"),
-        Card("Least distance to a wall", _metres(least_m), f"d_c is {critical_m:g} m; {below} missions were nearer",
-             State.PLAIN if least_m is None else State.GOOD if least_m >= critical_m else State.LOOK),
+        Card("Least distance to a wall", _metres(least_m), f"d_c is {_metres(critical_m)}; {below} missions were nearer",
+             State.PLAIN if least_m is None or critical_m is None
+             else State.GOOD if least_m >= critical_m else State.LOOK),
         Card("Way flown, median", _metres(way_m, 0),
              f"longest {_metres(max(everything.figures('path_length_m'), default=None), 0)}"),
         Card("Mean speed, median", _unit(everything.median("speed_mps"), "m/s"), ""),
