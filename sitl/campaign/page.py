@@ -130,7 +130,8 @@ def _cards(everything: Group, asked: int) -> list[Card]:
         Card("Time to a complete map, t_f, median", _time(everything.time_quantile_s(0.5)),
              f"90 % within {_time(everything.time_quantile_s(0.9))}, "
              f"all within {_time(everything.time_quantile_s(1.0))}"),
-        Card("Least distance to a wall", _metres(least_m), f"d_c is {_metres(critical_m)}; {below} missions were nearer",
+        Card("Least distance to a wall", _metres(least_m),
+             f"d_c is {_metres(critical_m)}; {below} missions came nearer",
              State.PLAIN if least_m is None or critical_m is None
              else State.GOOD if least_m >= critical_m else State.LOOK),
         Card("Way flown, median", _metres(way_m, 0),

@@ -5,10 +5,13 @@ from __future__ import annotations
 import os
 import signal
 import time
+from concurrent.futures import Future
 from pathlib import Path
+from typing import Self
 
 from companion.config.settings import Settings
 from sitl.campaign.mission import Campaign, Mission, Row
+from sitl.campaign.workers import Fly
 
 SETTINGS_JSON = Settings().model_dump_json()
 
@@ -47,15 +50,20 @@ def uneven(flown: Mission) -> Row:
     return once(flown)
 
 
+def raises(flown: Mission) -> Row:
+    """Mission number 1 raises an error."""
+    if flown.number == 1:
+        raise ZeroDivisionError("of number 1")
+    return once(flown)
+
+
 def bad(flown: Mission) -> Row:
     """Of these missions number 1 raises an error; the processes of 2 die once, those of 3 always."""
     _note(flown)
-    if flown.number == 1:
-        raise ZeroDivisionError("of number 1")
     tries = Path(flown.world).read_text(encoding="utf-8").split().count(str(flown.number))
     if flown.number == 3 or (flown.number == 2 and tries == 1):
         os.kill(os.getpid(), signal.SIGKILL)
-    return once(flown)
+    return raises(flown)
 
 
 def slow(flown: Mission) -> Row:
@@ -68,6 +76,37 @@ def slow(flown: Mission) -> Row:
 def blocked_signals(_: Mission) -> Row:
     """Signals that do not reach the process which flies."""
     return {"signals": sorted(signal.pthread_sigmask(signal.SIG_BLOCK, ()))}
+
+
+class Here:
+    """Workers without processes: a mission is flown where it is handed over."""
+
+    died: tuple[type[BaseException], ...] = ()
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        return
+
+    def room(self) -> int:
+        """One."""
+        return 1
+
+    def check(self) -> None:
+        """Nothing."""
+
+    def submit(self, fly: Fly, mission: Mission) -> Future[Row]:
+        """Fly it now."""
+        future: Future[Row] = Future()
+        try:
+            future.set_result(fly(mission))
+        except Exception as error:  # noqa: BLE001 - as a worker hands it over
+            future.set_exception(error)
+        return future
 
 
 def _note(flown: Mission, process: int | None = None) -> None:
