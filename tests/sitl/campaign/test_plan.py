@@ -9,7 +9,7 @@ import pytest
 
 from companion.errors import InputError
 from sitl.campaign import ranges
-from sitl.campaign.description import read
+from sitl.campaign.description import KEYS, read
 from sitl.campaign.given import Given, scalar
 from sitl.campaign.mission import Campaign
 from sitl.campaign.plan import plan
@@ -82,6 +82,16 @@ cases: {clean: {}, drift: {sim.noise.pose_drift_share: 0.02}}
     assert [m.number for m in campaign.missions] == list(range(48))
     assert {m.seed for m in campaign.missions[:24]} == {5}
     assert campaign.several == ("preset", "case", "control.choice")
+
+
+def test_the_example_of_the_documents_can_be_flown(tmp_path: Path) -> None:
+    """Protects whoever copies it; the mesh that it names is somebody's own."""
+    page = (Path(__file__).parents[3] / "docs" / "simulation.md").read_text(encoding="utf-8")
+    example = page.partition("```yaml\n")[2].partition("```")[0]
+    assert set(KEYS) == {line.partition(":")[0] for line in example.splitlines() if line[0] not in " #"}
+    (tmp_path / "vehicle.yaml").write_text("", encoding="utf-8")
+    campaign = planned(tmp_path, example, worlds="room")
+    assert len(campaign.missions) == 20 * 2 * 2 * 3
 
 
 def test_draws_are_the_same_for_all_that_is_compared(tmp_path: Path) -> None:
