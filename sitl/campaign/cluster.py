@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from concurrent.futures import Future
 from typing import Self
 
@@ -36,6 +37,7 @@ class Cluster:
 
     def __init__(self, address: str) -> None:
         self._address = address
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what ends the campaign is told in one message
         try:
             get_address_host_port(address)  # the client would fail only when it is taken away
             self._client = Client(address, timeout=CONNECT_S, set_as_default=False)
@@ -60,11 +62,16 @@ class Cluster:
 
     def room(self) -> int:
         """A few missions for each worker that is there now; before the first comes, some wait for it."""
-        return AHEAD * max(1, len(self._client.nthreads()))
+        return AHEAD * max(1, self._count())
+
+    def who(self) -> str:
+        """As many as there are now."""
+        count = self._count()
+        return f"on {count} worker{'s' * (count != 1)}" if count else "no worker has come yet"
 
     def submit(self, fly: Fly, mission: Mission) -> Future[Row]:
         """Give a mission to the scheduler."""
-        future: Future[Row] = self._executor.submit(fly, mission, key=f"mission-{mission.number}-{id(mission)}")
+        future: Future[Row] = self._executor.submit(fly, mission)
         return future
 
     def check(self) -> None:
@@ -74,10 +81,19 @@ class Cluster:
             ClusterError: it is not.
         """
         if self._client.status != "running":
-            raise ClusterError(
-                f"the scheduler {self._address} is gone; start it and its workers, and then this command again: it "
-                "goes on with what is missing"
-            )
+            raise self._gone()
+
+    def _count(self) -> int:
+        try:
+            return len(self._client.nthreads())
+        except (OSError, TimeoutError):
+            raise self._gone() from None
+
+    def _gone(self) -> ClusterError:
+        return ClusterError(
+            f"the scheduler {self._address} is gone; start it and its workers, and then this command again: it goes on "
+            "with what is missing"
+        )
 
     def _check_software(self) -> None:
         found = self._client.run(software, on_error="return")

@@ -22,13 +22,17 @@ class CampaignProgress:
         console: where it is shown.
         asked: how many missions the campaign has.
         there: rows of the missions that were there before.
+        who: says who flies.
         clock: monotonic time in s.
     """
 
-    def __init__(self, console: Console, asked: int, there: list[Row], clock: Callable[[], float]) -> None:
+    def __init__(
+        self, console: Console, asked: int, there: list[Row], who: Callable[[], str], clock: Callable[[], float]
+    ) -> None:
         self._console = console
         self._asked = asked
         self._rows = list(there)
+        self._who = who
         self._clock = clock
         self._before = len(there)
         self._began_s = clock()
@@ -36,7 +40,7 @@ class CampaignProgress:
         self._bar = Progress(
             BarColumn(40), TextColumn("{task.description}"), console=console, transient=True, auto_refresh=True
         )
-        self._task = self._bar.add_task(self.line(), total=asked, completed=len(there))
+        self._task = self._bar.add_task(self._counts(), total=asked, completed=len(there))
 
     def __enter__(self) -> Self:
         if self._console.is_terminal:
@@ -46,7 +50,7 @@ class CampaignProgress:
     def __exit__(self, *_: object) -> None:
         if self._console.is_terminal:
             self._bar.stop()
-        self._console.print(self.line(), highlight=False, soft_wrap=True)
+        self._console.print(self._counts(), highlight=False, soft_wrap=True)
 
     def ended(self, row: Row) -> None:
         """Count a mission that has ended."""
@@ -62,15 +66,16 @@ class CampaignProgress:
             self._console.print(self.line(), highlight=False, soft_wrap=True)
 
     def line(self) -> str:
-        """Missions, what became of them, and how long the rest will take."""
+        """Missions, what became of them, who flies the rest, and how long that will take."""
+        return f"{self._counts()}; {self._who()}, {self._left()}"
+
+    def _counts(self) -> str:
         group = Group("all", self._rows)
         counts = f"{group.complete} complete, {group.contacts} with a contact, {group.failed} failed"
-        return f"{len(self._rows)} of {self._asked} missions: {counts}; {self._left()}"
+        return f"{len(self._rows)} of {self._asked} missions: {counts}"
 
     def _left(self) -> str:
         flown, left = len(self._rows) - self._before, self._asked - len(self._rows)
-        if left == 0:
-            return "all have ended"
         if flown == 0:
             return "how long it takes is known after the first"
         minutes = (self._clock() - self._began_s) / flown * left / 60.0

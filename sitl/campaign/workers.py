@@ -34,6 +34,9 @@ class Workers(Protocol):
     def room(self) -> int:
         """How many missions may be under way."""
 
+    def who(self) -> str:
+        """How many there are, for whoever waits."""
+
     def submit(self, fly: Fly, mission: Mission) -> Future[Row]:
         """Let a mission be flown; there is `room` for it."""
 
@@ -72,6 +75,10 @@ class LocalWorkers:
     def room(self) -> int:
         """One mission for each worker."""
         return self._count
+
+    def who(self) -> str:
+        """As many as there were to be."""
+        return f"{self._count} at a time"
 
     def submit(self, fly: Fly, mission: Mission) -> Future[Row]:
         """Give a mission to a worker that has none; one that died is replaced."""

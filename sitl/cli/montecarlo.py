@@ -152,7 +152,8 @@ def _fly(
     written_s = time.monotonic()
 
     try:
-        with workers, CampaignProgress(console, len(campaign.missions), there, time.monotonic) as progress:
+        asked = len(campaign.missions)
+        with workers, CampaignProgress(console, asked, there, workers.who, time.monotonic) as progress:
 
             def keep(row: Row) -> None:
                 ledger.append(row)
@@ -167,7 +168,8 @@ def _fly(
 
             run(missing, workers, fly, keep, look)
     except BaseException:
-        typer.echo(f"what has been flown is in {folder}; to go on: {_again(folder)}", err=True)
+        if ledger.rows:
+            typer.echo(f"what has been flown is in {folder}; to go on: {_again(folder)}", err=True)
         raise
     finally:
         if ledger.rows:

@@ -96,6 +96,10 @@ class Here:
         """One."""
         return 1
 
+    def who(self) -> str:
+        """One."""
+        return "here"
+
     def check(self) -> None:
         """Nothing."""
 

@@ -90,7 +90,7 @@ def test_a_campaign_leaves_a_table_and_a_report(tmp_path: Path, flown: list[int]
         (number, 5 + number // 2, ("coin", "informed")[number % 2]) for number in range(6)
     ]
     assert {json.loads(str(row["settings"]))["control"]["choice"] for row in done.rows} == {"coin", "informed"}
-    assert "6 of 6 missions: 6 complete, 0 with a contact, 0 failed; all have ended" in done.out
+    assert "6 of 6 missions: 6 complete, 0 with a contact, 0 failed" in done.out
     assert f"look at: {done.folder / 'report.html'}" in done.out
     assert flown == list(range(6))
 
