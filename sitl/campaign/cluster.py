@@ -19,6 +19,10 @@ AHEAD = 2
 """Missions for each worker under way, so that none waits for the network between two."""
 
 
+_LOGGERS = ("distributed", "distributed.client", "tornado.application")
+"""Those to which Dask gives levels of their own."""
+
+
 class ClusterError(CompanionError):
     """The cluster is gone while missions were to be flown."""
 
@@ -37,7 +41,8 @@ class Cluster:
 
     def __init__(self, address: str) -> None:
         self._address = address
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what ends the campaign is told in one message
+        for name in _LOGGERS:
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # what ends the campaign is told in one message
         try:
             get_address_host_port(address)  # the client would fail only when it is taken away
             self._client = Client(address, timeout=CONNECT_S, set_as_default=False)

@@ -36,11 +36,11 @@ class CampaignProgress:
         self._clock = clock
         self._before = len(there)
         self._began_s = clock()
-        self._next_line_s = self._began_s + PLAIN_PERIOD_S
+        self._next_line_s = self._began_s
         self._bar = Progress(
-            BarColumn(40), TextColumn("{task.description}"), console=console, transient=True, auto_refresh=True
+            BarColumn(20), TextColumn("{task.description}"), console=console, transient=True, auto_refresh=True
         )
-        self._task = self._bar.add_task(self._counts(), total=asked, completed=len(there))
+        self._task = self._bar.add_task(self.line(self._left()), total=asked, completed=len(there))
 
     def __enter__(self) -> Self:
         if self._console.is_terminal:
@@ -50,7 +50,7 @@ class CampaignProgress:
     def __exit__(self, *_: object) -> None:
         if self._console.is_terminal:
             self._bar.stop()
-        self._console.print(self._counts(), highlight=False, soft_wrap=True)
+        self._console.print(self.line(), highlight=False, soft_wrap=True)
 
     def ended(self, row: Row) -> None:
         """Count a mission that has ended."""
@@ -60,23 +60,23 @@ class CampaignProgress:
         """Show how far it is."""
         now_s = self._clock()
         if self._console.is_terminal:
-            self._bar.update(self._task, completed=len(self._rows), description=self.line())
+            self._bar.update(self._task, completed=len(self._rows), description=self.line(self._under_way()))
         elif now_s >= self._next_line_s:
             self._next_line_s = now_s + PLAIN_PERIOD_S
-            self._console.print(self.line(), highlight=False, soft_wrap=True)
+            self._console.print(self.line(self._under_way()), highlight=False, soft_wrap=True)
 
-    def line(self) -> str:
-        """Missions, what became of them, who flies the rest, and how long that will take."""
-        return f"{self._counts()}; {self._who()}, {self._left()}"
-
-    def _counts(self) -> str:
+    def line(self, under_way: str = "") -> str:
+        """Missions, and what became of them; first what is cut off last where a terminal is narrow."""
         group = Group("all", self._rows)
         counts = f"{group.complete} complete, {group.contacts} with a contact, {group.failed} failed"
-        return f"{len(self._rows)} of {self._asked} missions: {counts}"
+        return f"{', '.join(filter(None, (f'{len(self._rows)} of {self._asked} missions', under_way)))}: {counts}"
+
+    def _under_way(self) -> str:
+        return f"{self._left()}, {self._who()}"
 
     def _left(self) -> str:
         flown, left = len(self._rows) - self._before, self._asked - len(self._rows)
         if flown == 0:
-            return "how long it takes is known after the first"
+            return "time left not known yet"
         minutes = (self._clock() - self._began_s) / flown * left / 60.0
         return f"about {minutes / 60.0:.1f} h left" if minutes >= 90.0 else f"about {minutes:.0f} min left"
