@@ -13,11 +13,9 @@ from companion.config.source import as_yaml
 from companion.errors import InputError
 from sitl.campaign import ranges
 from sitl.campaign.given import Given, of_file
+from sitl.mines.mesh import Start
 
 KEYS = ("worlds", "seeds", "preset", "config", "vehicles", "time_limit_s", "settings", "draws", "cases")
-
-Start = tuple[float, float, float, float]
-"""x, y, z in m and yaw in rad."""
 
 _Parsed = TypeVar("_Parsed")
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sitl.campaign.mission import Mission, Row, failure, plain
+from sitl.campaign.software import software
 from sitl.mines import load_world
 from sitl.sim.simulation import Simulation
 
@@ -50,6 +51,7 @@ def figures(simulation: Simulation) -> Row:
         "slow_share": _mean(speeds_mps < SLOW_MPS, 3),
         "in_d_c_share": _mean(near, 5),
         "critical_margin_m": simulation.settings.control.critical_margin_m,
+        "software": software(),
         "error": None,
         "error_details": None,
     }

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.config.settings import Settings
+from sitl.mines.mesh import Start
 
 Row = dict[str, object]
 """Names of figures and their values, as JSON holds them: None where something is not known."""
@@ -36,7 +37,7 @@ class Mission:
 
     number: int
     world: str
-    start: tuple[float, float, float, float] | None
+    start: Start | None
     seed: int
     preset: str
     case: str

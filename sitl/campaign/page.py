@@ -47,7 +47,9 @@ def _page(folder: Path, campaign: Campaign, rows: Sequence[Row], worst: Sequence
     state, sentence = _verdict(everything, len(campaign.missions))
     compared = f"{len(groups)} groups compared: {', '.join(campaign.several) or 'worlds'}"
     worlds = len({row["given_world"] for row in rows})
-    facts = f"{worlds} world{'s' * (worlds != 1)} · {compared} · {campaign.identity['software']}"
+    # Workers of a cluster that came later may have brought another one.
+    software = " and ".join(sorted({str(row["software"]) for row in everything.flown}))
+    facts = f"{worlds} world{'s' * (worlds != 1)} · {compared} · software {software or UNKNOWN}"
     times = Picture(
         times_picture(groups),
         "The share of the missions whose map was complete after the time below: look for curves that rise late, and "

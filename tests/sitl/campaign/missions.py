@@ -41,6 +41,7 @@ def once(flown: Mission) -> Row:
         "speed_mps": 0.4,
         "critical_margin_m": 0.8,
         "in_d_c_share": 0.0,
+        "software": "1.2.3 abc",
     }
 
 

@@ -105,6 +105,7 @@ def test_the_report_names_the_worst_and_how_to_fly_them_again(tmp_path: Path, ca
         "completeness": 0.5,
     }
     rows[5] = {**campaign.missions[5].given(), **failure("ValueError: <b>bold</b>"), "settings": "{}"}
+    rows[7]["software"] = "another"
     write_report(folder, campaign, rows)
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert page.startswith("<!DOCTYPE html>")
@@ -113,6 +114,7 @@ def test_the_report_names_the_worst_and_how_to_fly_them_again(tmp_path: Path, ca
     assert "16 of 17 (73.0 % to 99.0 % at 95 %)" in page
     assert "1 (in at most 25.01 % at 95 %)" in page
     assert "<b>bold" not in page
+    assert "software 1.2.3 abc and another" in page
     assert page.count("<img ") == 5
     worst = {one.mission.number: one for one in worst_of(campaign, rows)}
     assert list(worst)[:2] == [3, 5]
