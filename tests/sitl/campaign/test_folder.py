@@ -38,6 +38,7 @@ def test_a_line_that_was_cut_off_goes_away(tmp_path: Path, cut: int) -> None:
     there.path.write_bytes(there.path.read_bytes()[:-cut])
     with Ledger(tmp_path) as there:
         assert there.rows == {0: row(0)}
+        assert json.loads(there.path.read_text(encoding="utf-8")) == row(0)
         there.append(row(1))
     with Ledger(tmp_path) as there:
         assert there.rows == {0: row(0), 1: row(1)}
@@ -69,6 +70,7 @@ def test_a_full_disk_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         with pytest.raises(LedgerError, match="No space left on device; make room"):
             there.append(row(1))
         monkeypatch.undo()
+        assert json.loads(there.path.read_text(encoding="utf-8")) == row(0)
         there.append(row(2))
     with Ledger(tmp_path) as there:
         assert there.rows == {0: row(0), 2: row(2)}
