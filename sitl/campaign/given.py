@@ -86,10 +86,12 @@ def _place(source: Source, key: Key) -> str:
     return f"{source.name}:{source.line(key)}: {'.'.join(key)}"
 
 
-def scalar(text: str) -> object:
-    """The value that a text of an option is in YAML: a number, true or false, or a text.
+def value(text: str, place: str) -> object:
+    """The value that a text of an option is in YAML: a number, true or false, a text, or a list in brackets.
 
     Raises:
         InputError: it is none that a settings file could hold.
     """
-    return Source("option", f"value: {text}").data["value"]
+    source = Source(place, f"value: {text}")
+    source.raise_problems()
+    return source.data["value"]

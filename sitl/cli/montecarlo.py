@@ -20,7 +20,7 @@ from sitl.campaign import table
 from sitl.campaign.description import read
 from sitl.campaign.flight import fly
 from sitl.campaign.folder import claimed
-from sitl.campaign.given import Given, scalar
+from sitl.campaign.given import Given, value
 from sitl.campaign.ledger import Ledger
 from sitl.campaign.mission import FAILED, Campaign, Row
 from sitl.campaign.page import REPORT, write_report
@@ -116,22 +116,25 @@ def _options(
         "vehicles": Given(vehicles, "--vehicles"),
         "time_limit_s": Given(time_limit, "--time-limit"),
     }
-    grid = dict(_assignment(text, "--set") for text in settings)
-    given["settings"] = Given(
-        {name: [scalar(part) for part in value.split(",")] for name, value in grid.items()} or None, "--set"
-    )
-    ends = dict(_assignment(text, "--draw") for text in draws)
-    given["draws"] = Given(
-        {name: [scalar(part) for part in value.split("..")] for name, value in ends.items()} or None, "--draw"
-    )
+    given["settings"] = Given(_assigned(settings, "--set", ",") or None, "--set")
+    given["draws"] = Given(_assigned(draws, "--draw", "..") or None, "--draw")
     return {key: one for key, one in given.items() if one.value is not None}
 
 
-def _assignment(text: str, option: str) -> tuple[str, str]:
-    name, sign, value = text.partition("=")
-    if not (sign and name.strip() and value.strip()):
-        raise InputError(f"{option} {as_yaml(text)}: expected KEY=VALUE, as in control.margin_m=1.0")
-    return name.strip(), value.strip()
+def _assigned(texts: list[str], option: str, between: str) -> dict[str, object]:
+    """What ``KEY=VALUES`` say, by their keys; a list in brackets is what it is in a file."""
+    found: dict[str, object] = {}
+    for text in texts:
+        name, sign, values = (part.strip() for part in text.partition("="))
+        if not (sign and name and values):
+            raise InputError(f"{option} {as_yaml(text)}: expected KEY=VALUE, as in control.margin_m=1.0")
+        place = f"{option} {name}"
+        if name in found:
+            raise InputError(f"{place}: given twice; give all of its values at once, with {between} between")
+        parts = [values] if values.startswith("[") else values.split(between)
+        read_as = [value(part, place) for part in parts]
+        found[name] = read_as[0] if values.startswith("[") else read_as
+    return found
 
 
 def _workers(jobs: int | None, scheduler: str | None) -> Workers:

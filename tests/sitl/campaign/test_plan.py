@@ -10,7 +10,7 @@ import pytest
 from companion.errors import InputError
 from sitl.campaign import ranges
 from sitl.campaign.description import KEYS, read
-from sitl.campaign.given import Given, scalar
+from sitl.campaign.given import Given, value
 from sitl.campaign.mission import Campaign
 from sitl.campaign.plan import plan
 
@@ -49,10 +49,10 @@ def test_what_names_no_seeds_is_refused(given: object) -> None:
         ranges.seeds(given, "here")
 
 
-@pytest.mark.parametrize(("text", "value"), [("1", 1), ("1.0", 1.0), ("true", True), ("coin", "coin"), ("1:2", "1:2")])
-def test_a_value_of_an_option_is_what_it_is_in_a_file(text: str, value: object) -> None:
-    found = scalar(text)
-    assert (found, type(found)) == (value, type(value))
+@pytest.mark.parametrize(("text", "meant"), [("1", 1), ("1.0", 1.0), ("true", True), ("coin", "coin"), ("1:2", "1:2")])
+def test_a_value_of_an_option_is_what_it_is_in_a_file(text: str, meant: object) -> None:
+    found = value(text, "--set x")
+    assert (found, type(found)) == (meant, type(meant))
 
 
 def test_every_combination_is_there_once(tmp_path: Path) -> None:
