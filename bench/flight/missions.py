@@ -11,87 +11,67 @@ from __future__ import annotations
 
 import statistics
 from argparse import Namespace
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from bench.common import Row, camera_rate, parser, say, show, with_camera, write
-
-if TYPE_CHECKING:
-    from sitl.sim.simulation import Simulation
-
-SLOW_MPS = 0.1
-"""Below this a vehicle stands, or turns on the spot."""
+from bench.common import Row, camera_rate, parser, say, show, write
+from companion.errors import CompanionError
+from sitl.campaign.description import read
+from sitl.campaign.flight import SLOW_MPS, fly
+from sitl.campaign.given import Given
+from sitl.campaign.mission import FAILED
+from sitl.campaign.plan import plan
+from sitl.campaign.run import run
+from sitl.campaign.workers import LocalWorkers
 
 WORLDS = ("complex", "slope", "room", "random:1", "random:2", "random:3")
 
 
-def mission(
-    world: str,
-    seed: int,
-    config: Path | None,
-    preset: str,
-    vehicles: int,
-    limit_s: float,
-    camera: tuple[int, int, float],
-) -> Row:
-    """Fly one mission and return its summary."""
-    import numpy as np
+LEFT_OUT = ("settings", "error", "error_details")
+"""Columns of a campaign that are not written to the JSON file."""
 
-    from companion.config.load import load_settings
-    from sitl.mines import load_world
-    from sitl.sim.simulation import Simulation
 
-    settings = load_settings(config, preset)
-    width_px, height_px, rate_hz = camera
-    if width_px:
-        settings = with_camera(settings, width_px=width_px, height_px=height_px, rate_hz=rate_hz)
-    simulation = Simulation(load_world(world, seed), settings, seed, vehicles)
-    simulation.run(limit_s)
-    speeds_mps = np.concatenate([np.abs(flight.log.column("speed_mps")) for flight in simulation.flights])
-    return {
-        "preset": preset,
-        **simulation.score(),
-        "speed_mps": round(float(speeds_mps.mean()), 3),
-        "slow_share": round(float(np.mean(speeds_mps < SLOW_MPS)), 3),
-        "in_d_c_share": _share_below(simulation, settings.control.critical_margin_m),
+def flown(arguments: Namespace) -> list[Row]:
+    """Every mission that was asked for that did not fail; written as they end, since hours may go by."""
+    given = {
+        "worlds": Given(arguments.worlds, "--worlds"),
+        "seeds": Given(arguments.seeds, "--seeds"),
+        "preset": Given(arguments.preset, "--preset"),
+        "vehicles": Given(arguments.vehicles, "--vehicles"),
+        "time_limit_s": Given(arguments.time_limit, "--time-limit"),
     }
+    if arguments.config is not None:
+        given["config"] = Given(str(arguments.config), "--config")
+    if arguments.camera is not None:
+        camera = zip(("width_px", "height_px", "rate_hz"), arguments.camera, strict=True)
+        given["settings"] = Given({f"sensors.camera.{name}": value for name, value in camera}, "--camera")
+    missions = plan(read(None, given)).missions
+    rows: list[Row] = []
+    ended = 0
+
+    def keep(row: Row) -> None:
+        nonlocal ended
+        ended += 1
+        place = f"{ended}/{len(missions)} {row['world']} seed {row['seed']}"
+        if row["ended_because"] == FAILED:
+            say(f"{place}: {FAILED}: {row['error_details'] or row['error']}")
+            return
+        say(f"{place}: {row['ended_because']}, completeness {row['completeness']}, least d {row['least_d_m']}")
+        rows.append({name: value for name, value in row.items() if name not in LEFT_OUT})
+        if arguments.json is not None:
+            write(rows, arguments.json)
+
+    with LocalWorkers(arguments.jobs) as workers:
+        run(missions, workers, fly, keep)
+    return sorted(rows, key=lambda row: (str(row["world"]), int(str(row["seed"]))))
 
 
-def _share_below(simulation: Simulation, critical_margin_m: float) -> float:
-    import numpy as np
-
-    true_d_m = np.concatenate([flight.log.column("true_d_m") for flight in simulation.flights])
-    return round(float(np.mean(true_d_m[np.isfinite(true_d_m)] < critical_margin_m)), 5)
-
-
-def flown(arguments: Namespace) -> Iterator[Row]:
-    """Every mission that was asked for, as they end."""
-    with ProcessPoolExecutor(arguments.jobs) as pool:
-        jobs = [
-            pool.submit(
-                *(mission, world, seed, arguments.config, arguments.preset),
-                *(arguments.vehicles, arguments.time_limit, arguments.camera),
-            )
-            for seed in range(1, arguments.seeds + 1)
-            for world in arguments.worlds.split(",")
-        ]
-        for done, job in enumerate(as_completed(jobs), start=1):
-            row = job.result()
-            say(
-                f"{done}/{len(jobs)} {row['world']} seed {row['seed']}: {row['ended_because']}, "
-                f"completeness {row['completeness']}, least d {row['least_d_m']}"
-            )
-            yield row
-
-
-def summary(world: str, rows: list[Row], critical_margin_m: float) -> Row:
+def summary(world: str, rows: list[Row]) -> Row:
     """One line of the table: worst values first, since the worst flight is what counts."""
     times = [float(str(row["completed_at_s"])) for row in rows if row["completed_at_s"] is not None]
     least = [float(str(row["least_d_m"])) for row in rows]
     low = [float(str(row["time_below_d_s_minus_15cm_fraction"])) for row in rows]
     time_s = [float(str(row["sim_time_s"])) for row in rows]
+    ways_m = [float(str(row["path_length_m"])) for row in rows]
     gaps = [row["least_time_between_extensions_s"] for row in rows]
     line: Row = {
         "world": world,
@@ -101,7 +81,7 @@ def summary(world: str, rows: list[Row], critical_margin_m: float) -> Row:
         "least compl.": min(float(str(row["completeness"])) for row in rows),
         "least d, m": min(least),
         "least clear., m": min(float(str(row["least_clearance_m"])) for row in rows),
-        "below d_c": sum(d < critical_margin_m for d in least),
+        "below d_c": sum(d < float(str(row["critical_margin_m"])) for d, row in zip(least, rows, strict=True)),
         "time in d_c": max(float(str(row["in_d_c_share"])) for row in rows),
         "v, m/s": statistics.mean(float(str(row["speed_mps"])) for row in rows),
         "slow share": max(float(str(row["slow_share"])) for row in rows),
@@ -111,6 +91,8 @@ def summary(world: str, rows: list[Row], critical_margin_m: float) -> Row:
         "low share": sum(share * t for share, t in zip(low, time_s, strict=True)) / sum(time_s),
         "t_f median, s": statistics.median(times) if times else None,
         "t_f worst, s": max(times) if times else None,
+        "way median, m": statistics.median(ways_m),
+        "way worst, m": max(ways_m),
         "precision": statistics.median(float(str(row["precision"])) for row in rows),
         "accuracy, m": statistics.median(float(str(row["accuracy_m"])) for row in rows),
         "x real time": statistics.median(float(str(row["times_real_time"])) for row in rows),
@@ -131,20 +113,16 @@ def main() -> None:
     made.add_argument("--vehicles", type=int, default=1)
     made.add_argument("--time-limit", type=float, default=3600.0, help="simulated seconds")
     made.add_argument("--jobs", type=int, default=2, help="missions at a time")
-    made.add_argument("--camera", type=camera_rate, default=(0, 0, 0.0), help="WIDTHxHEIGHT@HZ; else the preset's")
+    made.add_argument("--camera", type=camera_rate, help="WIDTHxHEIGHT@HZ; else the preset's")
     arguments = made.parse_args()
-    from companion.config.load import load_settings
-
-    critical_margin_m = load_settings(arguments.config, arguments.preset).control.critical_margin_m
-    rows: list[Row] = []
-    for row in flown(arguments):
-        rows.append(row)
-        if arguments.json is not None:
-            # Hours may go by: what has been flown is kept from now on.
-            write(rows, arguments.json)
-    rows.sort(key=lambda row: (str(row["world"]), int(str(row["seed"]))))
+    try:
+        rows = flown(arguments)
+    except CompanionError as error:
+        raise SystemExit(str(error)) from None
+    if not rows:
+        raise SystemExit("every mission failed")
     worlds = dict.fromkeys(str(row["world"]) for row in rows)
-    lines = [summary(world, [row for row in rows if row["world"] == world], critical_margin_m) for world in worlds]
+    lines = [summary(world, [row for row in rows if row["world"] == world]) for world in worlds]
     print(f"preset {arguments.preset}, {arguments.vehicles} vehicle(s), camera {rows[0]['camera']}")
     print(
         "low share: of the time below d_s - 0.15 m; below d_c: missions that ever were; time in d_c, slow share (below "

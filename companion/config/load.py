@@ -135,9 +135,9 @@ def _explain(errors: Iterable[ErrorDetails], source: Source, below: Source) -> N
             if ("preset",) not in source.refused:  # else the numbers below the file are not the intended ones
                 source.refuse_together(keys, error["msg"], origin)
         elif error["type"] == "extra_forbidden":
-            source.refuse(key, _unknown_key(key))
+            source.refuse(key, unknown_key(key))
         else:
-            source.refuse(key, _bad_value(key, error), origin(key))
+            source.refuse(key, bad_value(key, error), origin(key))
 
 
 def _section_of(field: FieldInfo | None) -> type[BaseModel] | None:
@@ -146,7 +146,7 @@ def _section_of(field: FieldInfo | None) -> type[BaseModel] | None:
     return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
 
 
-def _unknown_key(key: Key) -> str:
+def unknown_key(key: Key) -> str:
     """What may have been meant: the same name in another section, or a similar one in this."""
     *section, name = key
     model = _walk(tuple(section))[0]
@@ -157,7 +157,8 @@ def _unknown_key(key: Key) -> str:
     return f"unknown key; known here: {', '.join(model.model_fields)}"
 
 
-def _bad_value(key: Key, error: ErrorDetails) -> str:
+def bad_value(key: Key, error: ErrorDetails) -> str:
+    """What is wrong with a value: the value, the bound or what is expected, and what the key means."""
     field = _walk(key)[1]
     value = as_yaml(error["input"])
     meaning = f". Meaning: {field.description}" if field is not None and field.description else ""

@@ -15,7 +15,7 @@ import numpy as np
 
 from companion.config.show import dump_yaml
 from companion.errors import CompanionError, InputError
-from companion.mapping.files import OF_A_MISSION
+from companion.mapping.files import GEOREFERENCED, OF_A_MISSION, Georeference
 from companion.mapping.files import write as write_map_file
 from companion.mapping.files.whole import whole_file
 from companion.mapping.journal import JOURNAL_NAME, Header, Journal
@@ -96,8 +96,12 @@ def write_run(folder: Path, simulation: Simulation, preset: str, config: Path | 
         name = "trajectory.csv" if len(simulation.flights) == 1 else f"trajectory-{flight.log.vehicle_id}.csv"
         writers[name] = flight.log.write_csv
     writers["settings.yaml"] = lambda path: path.write_text(settings_yaml, encoding="utf-8")
-    for format_ in OF_A_MISSION:
-        writers[f"map.{format_}"] = lambda path: write_map_file(voxels, path)
+
+    def map_file(path: Path) -> None:
+        lies = Georeference(simulation.world.origin_m) if path.suffix.removeprefix(".") in GEOREFERENCED else None
+        write_map_file(voxels, path, georeference=lies)
+
+    writers.update((f"map.{format_}", map_file) for format_ in OF_A_MISSION)
 
     @functools.cache
     def reported() -> ReportData:

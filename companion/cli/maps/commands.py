@@ -76,7 +76,7 @@ def export(
     """Write a map in other formats; the suffix says which.
 
     A .las or .laz lies at --offset, where the map's origin is in surveyed coordinates; where nothing is said, at
-    world.origin_m of the summary.json beside the map, if it has that. The other formats keep the map's own coordinates.
+    origin_m of the summary.json beside the map, if it has that. The other formats keep the map's own coordinates.
 
     Each file is written whole or not at all. The exit code is 0 when all are written, 1 when one cannot be, 2 for wrong
     input, 130 after Ctrl-C.

@@ -50,10 +50,10 @@ def georeference(source: Path, targets: list[Path], crs: str | None, offset_m: P
 
 
 def _origin_in_summary(path: Path) -> Place | None:
-    """``world.origin_m`` of a run's summary; None where that is not said."""
+    """``origin_m`` of a run's summary; None where that is not said, or nothing was moved."""
     try:
-        said = json.loads(path.read_text(encoding="utf-8"))["world"]["origin_m"]
+        said = json.loads(path.read_text(encoding="utf-8"))["origin_m"]
         x_m, y_m, z_m = map(float, said)
     except (OSError, ValueError, LookupError, TypeError):
         return None
-    return (x_m, y_m, z_m) if all(map(math.isfinite, (x_m, y_m, z_m))) else None
+    return (x_m, y_m, z_m) if all(map(math.isfinite, (x_m, y_m, z_m))) and any((x_m, y_m, z_m)) else None

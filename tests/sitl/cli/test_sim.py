@@ -19,7 +19,7 @@ import pytest
 
 from companion.cli.main import main
 from companion.config.load import load_settings
-from companion.mapping.files import MapFileError, write
+from companion.mapping.files import Georeference, MapFileError, write
 from companion.mapping.voxels.piece import MapSource
 from sitl.cli import sim
 from sitl.report import run_folder
@@ -233,6 +233,9 @@ class TestEnd:
         row = dict(zip(trajectory[0].split(","), trajectory[1].split(","), strict=True))
         assert [float(row[name]) for name in ("x_m", "y_m", "z_m")] == pytest.approx([3.0, 4.0, 1.5])
         assert done.folder.joinpath("map.bt").is_file()
+        low, high = (laspy.read(done.folder / "map.laz").header.mins, laspy.read(done.folder / "map.laz").header.maxs)
+        assert np.all(low > [499_999.0, 5_999_999.0, -1.0])
+        assert np.all(high < [500_009.0, 6_000_009.0, 4.0])
 
 
 def off_file(path: Path, world: object, factor: float = 1.0, shift: tuple[float, float, float] = (0, 0, 0)) -> Path:
@@ -402,7 +405,7 @@ class TestWhatCannotBeWritten:
     ) -> None:
         """Protects the flight from a bug in a picture: its traceback stays, and the summary names what is missing."""
 
-        def broken(*_arguments: object) -> None:
+        def broken(*_arguments: object, **_named: object) -> None:
             raise ZeroDivisionError
 
         monkeypatch.setattr(run_folder, moment, broken)
@@ -420,11 +423,11 @@ class TestWhatCannotBeWritten:
     ) -> None:
         """Protects from a format that cannot hold the mine, and from a full disk: named in one line, all else there."""
 
-        def refused(source: MapSource, path: Path) -> None:
+        def refused(source: MapSource, path: Path, georeference: Georeference | None = None) -> None:
             if path.suffix == ".laz":
                 path.write_bytes(b"half")
                 raise error
-            write(source, path)
+            write(source, path, georeference=georeference)
 
         monkeypatch.setattr(run_folder, "write_map_file", refused)
         done = fly(tmp_path, "--world", "room", "--time-limit", "0.1")
@@ -465,7 +468,7 @@ class TestWhatCannotBeWritten:
             os.kill(os.getpid(), signal.SIGINT)
             time.sleep(0.01)
 
-        monkeypatch.setattr(run_folder, "write_map_file", lambda _, path: interrupted(path))
+        monkeypatch.setattr(run_folder, "write_map_file", lambda _, path, **_named: interrupted(path))
         done = fly(tmp_path, "--world", "room", "--time-limit", "0.1")
         assert (done.code, asked) == (130, 2)
         assert capfd.readouterr().err.count("a moment; interrupt once more") == 1

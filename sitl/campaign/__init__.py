@@ -1,0 +1,1 @@
+"""Campaigns: thousands of simulated missions, their table and their report."""
