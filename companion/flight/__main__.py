@@ -19,6 +19,7 @@ import typer
 
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
 from companion.flight.gate_socket import GateSocket
+from companion.output import lossy_output
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -47,13 +48,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         typer.echo(str(error), err=True)
         return error.exit_code
-    try:
-        code = _work(given.request_fd, gate)
-    except CompanionError as error:
-        typer.echo(str(error), err=True)
-        code = error.exit_code
-    except KeyboardInterrupt:
-        code = EXIT_INTERRUPTED
+    # A flight goes on when nobody can read what is said of it.
+    with lossy_output():
+        try:
+            code = _work(given.request_fd, gate)
+        except CompanionError as error:
+            typer.echo(str(error), err=True)
+            code = error.exit_code
+        except KeyboardInterrupt:
+            code = EXIT_INTERRUPTED
     # It is over: a late signal must not make a death of it.
     for number in _SIGNALS:
         signal.signal(number, signal.SIG_IGN)

@@ -370,6 +370,23 @@ class TestInterrupted:
         """Protects an hour of flight from a computer that shuts down: the map is written, and the code is 130."""
         self.ended_in_flight(tmp_path, number)
 
+    def test_nobody_who_reads_is_no_reason_to_lose_a_mission(self, tmp_path: Path) -> None:
+        """Protects an hour of flight from `| head -1`, and from a log on a full disk."""
+        (tmp_path / "quick.yaml").write_text(QUICK + "sim: {time_limit_s: 1.0}\n", encoding="utf-8")
+        with open("/dev/full", "wb") as full:  # noqa: PTH123 - as a shell redirects
+            done = subprocess.run(
+                [sys.executable, "-c", COMPANION, "sim", "--out", "flight", "--config", "quick.yaml"],
+                cwd=tmp_path,
+                stdout=full,
+                stderr=subprocess.PIPE,
+                text=True,
+                check=False,
+            )
+        assert done.returncode == 1
+        assert done.stderr.startswith("standard output: No space left on device")
+        assert "Traceback" not in done.stderr
+        assert {path.name for path in (tmp_path / "flight").iterdir()} == FILES
+
 
 class TestWhatCannotBeWritten:
     """Results are never thrown away: each file by itself."""

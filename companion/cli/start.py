@@ -1,0 +1,16 @@
+"""Where the command `companion` begins: before anything is imported that could be somebody else's."""
+
+from __future__ import annotations
+
+import os
+
+from companion.own_packages import leave_out_foreign
+
+
+def main() -> None:
+    """Leave out foreign packages, then run the command: see `companion.cli.main.main`."""
+    for line in leave_out_foreign():
+        os.write(2, f"companion: {line}\n".encode(errors="replace"))
+    from companion.cli.main import main as run_command
+
+    run_command()
