@@ -33,10 +33,12 @@ from companion.flight.session import Session, open_session
 from companion.flight.tasks import background
 from companion.flight.termination import Termination
 from companion.flight.warm_up import warm_up
+from companion.mapping.files.whole import whole_file
 from companion.mapping.process.client import MapClient, check_folder
 from companion.mapping.process.messages import MapError
 from companion.pipeline import Explorer
 from companion.recording import FlightInfo, Recorder
+from companion.recording.folder import make_folder
 
 Show = Callable[[str], None]
 
@@ -125,8 +127,7 @@ class _Flight:
 
     async def run(self, results: list[CheckResult]) -> dict[str, Any]:
         settings, session, events = self._settings, self._session, self._events
-        folder = _new_folder(Path(settings.record.folder))
-        (folder / "settings.yaml").write_text(dump_yaml(settings), encoding="utf-8")
+        folder = self._new_folder(Path(settings.record.folder))
         rng = np.random.default_rng(self._seed)
         info = FlightInfo.of(settings, rng)
         explorer = Explorer(settings, rng)
@@ -159,11 +160,27 @@ class _Flight:
                 "map_folder": str(map_folder),
                 "map_problem": problem,
             }
-        (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+        try:
+            with whole_file(folder / "summary.json") as file:
+                file.write((json.dumps(summary, indent=2) + "\n").encode())
+        except OSError as error:
+            # The flight is over, and has ended as it has: a full disk makes no failure of it.
+            events.emit(Event.SUMMARY_NOT_WRITTEN, error=error.strerror, summary=json.dumps(summary))
         events.emit(Event.OVER, why=why, files=len(files), map_folder=map_folder, folder=folder)
         if broke_off is not None:
             raise broke_off
         return summary
+
+    def _new_folder(self, parent: Path) -> Path:
+        wanted = parent / f"{datetime.now(UTC):%Y%m%d-%H%M%S}"
+        try:
+            folder = make_folder(wanted)
+            (folder / "settings.yaml").write_text(dump_yaml(self._settings), encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"record.folder = {parent}: {error.strerror}; give a folder that you may write") from None
+        if folder != wanted:
+            self._events.emit(Event.NAME_TAKEN, wanted=wanted, folder=folder)
+        return folder
 
     def _mapper(self, folder: Path) -> MapClient:
         settings = self._settings
@@ -239,12 +256,3 @@ class _Flight:
             "skipped_checks": [result.name for result in results if result.skipped],
             "versions": {name: version(name) for name in ("mine-companion", "mavsdk", "numpy", "numba")},
         }
-
-
-def _new_folder(parent: Path) -> Path:
-    folder = parent / f"{datetime.now(UTC):%Y%m%d-%H%M%S}"
-    try:
-        folder.mkdir(parents=True)
-    except OSError as error:
-        raise InputError(f"record.folder = {parent}: {error.strerror}; give a folder that you may write") from None
-    return folder

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -40,14 +39,14 @@ def fly(
     touched, 1 when the flight ended otherwise, 2 for wrong input, 130 after Ctrl-C.
     """
     # It brings the drawing library, for which the other commands of this group need not wait.
-    from sitl.report.run_folder import new_folder
+    from sitl.report.run_folder import default_folder, new_folder
 
     if real and boot_s is not None:
         raise InputError(f"--boot-s {boot_s:g}: --real boots in its own time")
     gps = "nogps" if no_gps else "gps"
-    target = Path("runs") / f"{datetime.now(UTC):%Y%m%d-%H%M%S}-{personality}-{gps}" if out is None else out
-    with new_folder(target):
+    with new_folder(default_folder(f"{personality}-{gps}") if out is None else out) as folder:
         pass
+    target = folder.target
     plan = FlightPlan(
         folder=target,
         personality=personality,

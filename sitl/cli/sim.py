@@ -13,7 +13,7 @@ from companion.cli.options import Config, Preset
 from companion.config.load import load
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
 from sitl.mines import load_world
-from sitl.report.run_folder import default_folder, new_folder, write_run
+from sitl.report.run_folder import default_folder, flown, new_folder, write_run
 from sitl.sim.display import Display, clock
 from sitl.sim.simulation import Simulation
 
@@ -59,22 +59,21 @@ def simulate(
             f"--vehicles {vehicles}: fleet.largest_group = {settings.fleet.largest_group} is the most that the height "
             "layers have room for; allow more there, with control.vertical_margin_m small enough"
         )
-    target = default_folder(world, seed) if out is None else out
-    began = False
+    folder = None
     try:
-        with new_folder(target) as folder:
-            began = True
+        with new_folder(default_folder(flown(world, seed)) if out is None else out) as folder:
             with console.status("preparing the mine (the very first flight compiles the fast parts, about a minute)"):
                 mine = load_world(world, seed, start)
                 simulation = Simulation(mine, settings, seed, vehicles)
             console.print(f"{mine.name}: {mine.description}", highlight=False)
             failure = _fly(simulation, limit_s, console)
             with console.status("writing map and report"), finishing("writing map and report"):
-                summary = write_run(folder, simulation, loaded.preset, config)
+                summary = write_run(folder.path, simulation, loaded.preset, config)
     except BaseException:
-        if began and target.is_dir() and any(target.iterdir()):
-            typer.echo(f"what had been written is in {target}", err=True)
+        if folder is not None and folder.target.is_dir() and any(folder.target.iterdir()):
+            typer.echo(f"what had been written is in {folder.target}", err=True)
         raise
+    target = folder.target
     _say_result(console, simulation, summary, target)
     if failure is not None:
         raise failure
