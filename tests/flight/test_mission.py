@@ -209,7 +209,7 @@ async def test_a_flight_of_the_same_second_is_flown(
 async def test_a_disk_that_is_full_at_the_end_makes_no_failure_of_a_flight(
     gate: FakeGate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Protects the end of a flight: before, a traceback instead of the last word to the gate, which took it for dead."""
+    """Protects the end of a flight: before, a traceback and no last word to the gate."""
 
     def full(_: Path) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
