@@ -23,7 +23,7 @@ from companion.flight.airborne import Airborne
 from companion.flight.events import Event, EventEmitter, console, recording, status_text
 from companion.flight.gate_client import GateClient
 from companion.flight.gate_socket import GateSocket
-from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands
+from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands, UnfinishedError
 from companion.flight.phase import PhaseEvent, PhaseMachine
 from companion.flight.preflight import CheckResult
 from companion.flight.preflight.run import checked, passed
@@ -197,11 +197,12 @@ class _Flight:
 
     async def _save(self, mapper: MapClient) -> tuple[list[Path], str | None]:
         """The files of the map, or why there are none: a full disk must not end what comes after a flight."""
-        self._events.emit(Event.MAP_WRITING)
+        events = self._events
+        events.emit(Event.MAP_WRITING)
         try:
-            return await mapper.save(), None
-        except MapError as error:
-            self._events.emit(Event.MAP_NOT_WRITTEN, error=error)
+            return await self._operator.finish(mapper.save(), lambda: events.emit(Event.MAP_STILL_WRITTEN)), None
+        except (MapError, UnfinishedError) as error:
+            events.emit(Event.MAP_NOT_WRITTEN, error=error)
             return [], str(error)
 
     async def _wait_for_start(self, results: list[CheckResult]) -> list[CheckResult]:

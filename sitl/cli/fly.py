@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from companion.errors import CompanionError, InputError
-from sitl.launch.processes import Crew, FlightPlan, patient, run_to_its_end
+from sitl.launch.processes import Crew, FlightPlan, run_to_its_end
 from sitl.launch.real import find
 
 
@@ -58,7 +58,7 @@ def fly(
         real=find(personality) if real else None,
     )
     typer.echo("starting the autopilot and the world (the first time on a computer takes about a minute)")
-    with patient(), Crew(plan) as crew:
+    with Crew(plan) as crew:
         if not real:
             typer.echo(
                 f"faults: send takeover, battery PERCENT or gps on|off to UDP port {crew.control_port} on loopback"

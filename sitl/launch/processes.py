@@ -9,7 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -208,16 +208,6 @@ def _bound(stack: contextlib.ExitStack, kind: socket.SocketKind) -> int:
     return int(found.getsockname()[1])
 
 
-@contextlib.contextmanager
-def patient() -> Iterator[None]:
-    """Leave Ctrl-C to the application, which lands first."""
-    before = signal.signal(signal.SIGINT, lambda *_: None)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
 def run_to_its_end(command: Sequence[str]) -> int:
     """Run the application, which lands first whatever ends it; its exit code.
 
@@ -226,6 +216,7 @@ def run_to_its_end(command: Sequence[str]) -> int:
     """
     with (
         subprocess.Popen(command, env=environment()) as child,  # noqa: S603
+        handled((signal.SIGINT,), lambda *_: None),
         handled((signal.SIGTERM, signal.SIGHUP), lambda *_: child.send_signal(signal.SIGINT)),
     ):
         return child.wait()
