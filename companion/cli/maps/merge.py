@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -17,6 +16,7 @@ from companion.config.mapping import MapSettings
 from companion.errors import InputError
 from companion.mapping.files import write
 from companion.mapping.files.merge import IndexedMap, MergedMap
+from companion.mapping.files.whole import exchange, workshop
 from companion.mapping.journal import JOURNAL_SUFFIX, Header, Journal, JournalError
 from companion.mapping.journal.recovery import lock
 from companion.mapping.voxels.piece import MapSource
@@ -46,7 +46,7 @@ def merge_maps(sources: list[Path], out: Path, *, overwrite: bool) -> None:
         maps = {str(path): stack.enter_context(opened(path)) for path in sources}
         header = common_header(maps)
         stack.enter_context(write_errors(out))
-        room = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent)))
+        room = stack.enter_context(workshop(out))
         indexed = [
             stack.enter_context(_indexed(source, header, room / str(number), name))
             for number, (name, source) in enumerate(maps.items())
@@ -111,14 +111,8 @@ def _write_journal(merged: MergedMap, header: Header, folder: Path, out: Path, p
         folder.replace(out)
         return
     held = lock(out)
-    old = folder.with_name("old")
     try:
-        out.replace(old)
-        try:
-            folder.replace(out)
-        except BaseException:
-            old.replace(out)
-            raise
+        exchange(folder, out)
     finally:
         os.close(held)
 
