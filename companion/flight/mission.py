@@ -33,6 +33,7 @@ from companion.flight.session import Session, open_session
 from companion.flight.tasks import background
 from companion.flight.termination import Termination
 from companion.flight.warm_up import warm_up
+from companion.gate.runtime.processes import end_with_parent
 from companion.mapping.files.whole import whole_file
 from companion.mapping.process.client import MapClient, check_folder
 from companion.mapping.process.messages import MapError
@@ -101,6 +102,7 @@ def _load(settings: Settings, events: EventEmitter) -> None:
     """Before anything listens: what is compiled while messages arrive makes all of them late."""
     events.emit(Event.LOADING)
     warm_up(settings)
+    end_with_parent(None)
     events.emit(Event.CONNECTING, url=settings.autopilot.url)
 
 

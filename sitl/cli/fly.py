@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -70,6 +71,8 @@ def fly(
         f"truth: {score['path_length_m']:.0f} m flown, least distance to a wall {_metres(score['least_d_m'])}, "
         f"{score['contacts']} contacts; everything is in {target}"
     )
+    if code < 0:
+        raise FlightFailedError(f"the gate was ended by signal {-code} ({signal.strsignal(-code)})")
     if code != 0:
         raise typer.Exit(code)
     if score["contacts"]:
