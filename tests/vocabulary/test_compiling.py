@@ -15,7 +15,10 @@ from companion import compiled, compiling
 from companion.mapping.voxels import chunks
 
 FILE = chunks.__file__
-START, END = (Event("numba:compile", status) for status in (EventStatus.START, EventStatus.END))
+START, END = (
+    Event("numba:compile", status)  # type: ignore[no-untyped-call]
+    for status in (EventStatus.START, EventStatus.END)
+)
 
 
 @pytest.fixture

@@ -161,7 +161,7 @@ class Loop:
                     self._pass_down(frame, before_s)
 
     def close(self) -> None:
-        """Say what was counted, and wait for nothing more."""
+        """Say what was counted and what is wrong with the link, and wait for nothing more."""
         self._selector.close()
         counts = {**self._gate.counts, "not signed": self.unsigned, "setpoint too old": self.stale}
         for url, transport in [
@@ -175,6 +175,9 @@ class Loop:
                 f"{url}: refused": transport.reader.refused,
             }
         self._log.say("; ".join(f"{what}: {number}" for what, number in counts.items() if number) or "nothing refused")
+        if self._autopilot.problem:
+            # The last word: who was not connected seeks the cause in the last line.
+            self._log.say(f"{self._plan.autopilot_url}: {self._autopilot.problem}")
 
     def _from_application(self, now_s: float) -> None:
         for frame in self._supervisor.receive(now_s):

@@ -7,7 +7,8 @@ from typing import Protocol
 
 from companion.errors import InputError
 from companion.gate.runtime.framing import Accept, FrameReader
-from companion.gate.runtime.streams import SerialPort, StreamTransport, TcpIn, TcpOut
+from companion.gate.runtime.serial_port import SerialPort
+from companion.gate.runtime.streams import StreamTransport, TcpIn, TcpOut
 from companion.gate.runtime.udp import UdpIn, UdpOut
 from companion.mavlink.codec import Frame
 from companion.mavlink.link_url import NetworkLink, SerialLink, parse_link

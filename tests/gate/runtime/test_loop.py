@@ -94,6 +94,14 @@ def test_a_flood_of_the_application_does_not_delay_the_cycle(monkeypatch: pytest
         assert 0 < most <= MOST_PACKETS
 
 
+def test_what_is_wrong_with_the_link_is_the_last_word() -> None:
+    """Protects whoever reads the last line only: before, it said that nothing was refused."""
+    with rigged() as rig:
+        rig.transport.problem = "there is no /dev/ttyX"
+        rig.loop.close()
+        assert rig.words().splitlines()[-2].endswith(f"gate: {rig.plan.autopilot_url}: there is no /dev/ttyX")
+
+
 def test_a_link_that_is_lost_and_found_is_told_and_followed() -> None:
     """Protects the flight from a link that opens late or breaks, and the service manager from a "ready" too early."""
     listener = socket.socket()
