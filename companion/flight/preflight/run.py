@@ -49,4 +49,5 @@ async def checked(session: Session, request: FlightRequest, events: EventEmitter
             skip=(*settings.mission.skip_checks, *request.skip),
             height_m=control_loop.measured_height_m(),
             clock=clock,
+            link_problem=session.gate.link_problem,
         )

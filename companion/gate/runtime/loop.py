@@ -15,6 +15,7 @@ from collections.abc import Callable
 from companion.gate.allowlist import SETPOINTS
 from companion.gate.gate import Gate
 from companion.gate.plan import CYCLE_S, Attached, Plan
+from companion.gate.protocol import LINK, Notice
 from companion.gate.runtime.framing import batches
 from companion.gate.runtime.log import Log
 from companion.gate.runtime.signals import Signals
@@ -274,6 +275,8 @@ class Loop:
         self._problems[number] = transport.problem
         url = self._plan.autopilot_url if number == 0 else self._attached[number - 1][0].url
         self._log.say(f"{url}: {transport.problem or 'open'}")
+        if number == 0 and self._supervisor.child is not None:
+            self._supervisor.child.notify(Notice(self._gate.stage, None, f"{LINK} {transport.problem}"))
 
     def _tell_service(self) -> None:
         if not self._is_ready and self._autopilot.fileno() is not None:

@@ -24,7 +24,7 @@ class Transport(Protocol):
     Attributes:
         unsent: messages that could not be sent.
         strangers: datagrams of others.
-        problem: why it is not open, in words; empty: it is, or still tries.
+        problem: why it is not open, or who else is there, in words; empty: all is well, or it still tries.
         reader: counts what came and was no message, or not welcome.
     """
 

@@ -19,7 +19,7 @@ from companion.errors import InputError
 from companion.gate.runtime import serial_port
 from companion.gate.runtime.framing import DATAGRAM_BYTES, RETRY_S, FrameReader, FrameWriter, batches
 from companion.gate.runtime.transports import Transport, open_transport
-from companion.gate.runtime.udp import MOST_FRAMES, PEER_SILENT_S
+from companion.gate.runtime.udp import MOST_FRAMES, PEER_SILENT_S, RIVAL_SILENT_S
 from companion.mavlink.codec import Frame
 from tests.gate.built import frame
 from tests.shared.beside import wait_until
@@ -114,6 +114,37 @@ def test_udpin_answers_the_first_that_beats_and_nobody_else() -> None:
         wait_until(lambda: not transport.receive(PEER_SILENT_S) and transport.strangers == 1)
         transport.send(b"setpoint")
         assert autopilot.recv(100) == b"setpoint"
+
+
+def test_a_second_sender_that_calls_itself_the_autopilot_is_told() -> None:
+    """Protects from flying whichever of two vehicles was heard first; anybody else is only counted."""
+    port = free_port()
+    with opened(f"udpin://{HOST}:{port}") as transport, bound() as autopilot, bound() as other:
+        autopilot.sendto(HEARTBEAT.raw, (HOST, port))
+        assert heard(transport) == [HEARTBEAT]
+        for stranger in (frame("HEARTBEAT", component=191), frame("HEARTBEAT", component=1, system=2)):
+            other.sendto(stranger.raw, (HOST, port))
+        wait_until(lambda: not transport.receive(1.0) and transport.strangers == 2)
+        assert transport.problem == ""
+        for _ in range(2):
+            other.sendto(HEARTBEAT.raw, (HOST, port))
+        wait_until(lambda: not transport.receive(1.0) and transport.strangers == 4)
+        ours, its = (f"{HOST}:{one.getsockname()[1]}" for one in (autopilot, other))
+        assert f"two senders call themselves system 1 component 1: {ours} is heard, {its} is not" in transport.problem
+        transport.tick(1.0 + RIVAL_SILENT_S)
+        assert transport.problem
+        transport.tick(1.1 + RIVAL_SILENT_S)
+        assert transport.problem == ""
+
+
+def test_of_two_who_are_attached_nobody_is_a_rival() -> None:
+    port = free_port()
+    with opened(f"udpin://{HOST}:{port}", None) as transport, bound() as station, bound() as other:
+        station.sendto(HEARTBEAT.raw, (HOST, port))
+        assert heard(transport) == [HEARTBEAT]
+        other.sendto(HEARTBEAT.raw, (HOST, port))
+        wait_until(lambda: not transport.receive(1.0) and transport.strangers == 1)
+        assert transport.problem == ""
 
 
 def test_udpin_follows_an_autopilot_that_comes_back_at_another_address() -> None:
