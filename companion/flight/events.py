@@ -74,6 +74,7 @@ class Event(enum.Enum):
     )
     MAP_TROUBLE = Texts("map: {problem}", "map: {problem}", "map", severity=_WARNING)
     MAP_WELL = Texts("map: in order again", "map: in order again", "map", severity=_NOTICE)
+    SENSOR_WARNING = Texts("sensors: {text}", "{text}", "sensors", "{text}", _WARNING)
     AUTOPILOT_TEXT = Texts("autopilot: {text}", kind="statustext", recorded="{text}")
     GATE_NOTICE = Texts("gate: {text}", kind="gate", recorded="{text}", severity=_WARNING)
 

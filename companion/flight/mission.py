@@ -145,7 +145,9 @@ class _Flight:
             self._record(results)
             results = await self._wait_for_start(results)
             vehicle = Vehicle(session.link, session.telemetry, settings, session.clock)
-            reporter = TickReporter(events, self._status_reporter, session.telemetry, mapper, session.flight)
+            reporter = TickReporter(
+                events, self._status_reporter, session.telemetry, mapper, session.flight, session.sink.warnings
+            )
             watchers = (recorder.tick, map_feed(mapper), reporter)
             control_loop = session.control_loop(explorer, vehicle.send, watchers)
             airborne = Airborne(session, self._operator, vehicle, control_loop, mapper, events)

@@ -40,6 +40,8 @@ async def checked(session: Session, request: FlightRequest, events: EventEmitter
         events.emit(Event.CONNECTED)
         await until_ready(session.link, session.telemetry, settings.autopilot, clock, events)
         await clock.sleep(SETTLE_S)
+        for text in session.sink.warnings():
+            events.emit(Event.SENSOR_WARNING, text=text)
         return await run_checks(
             session.link,
             session.telemetry,
