@@ -25,7 +25,7 @@ from tests.sitl.cli.test_sim import COMPANION, FILES, QUICK
 
 MOMENTS = 10
 """Half of them in the flight, half while its results are written."""
-SIMULATED_S = 40.0
+SIMULATED_S = 15.0
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,15 @@ def command(place: Path) -> subprocess.Popen[str]:
     )
 
 
-def begins_s(process: subprocess.Popen[str], place: Path) -> tuple[float, float, float]:
-    """When the folder is made, when the first file is in it and when all is over, in s from now, undisturbed."""
+@pytest.fixture(scope="module")
+def spans_s(tmp_path_factory: pytest.TempPathFactory) -> tuple[float, float]:
+    """How long a mission flies, and how long it writes: the second of two, as the first may compile."""
+    return [spans(tmp_path_factory.mktemp("undisturbed")) for _ in range(2)][1]
+
+
+def spans(place: Path) -> tuple[float, float]:
+    """How long an undisturbed mission flies, and how long it writes, in s."""
+    process = command(place)
     began_s = time.monotonic()
     made_s = written_s = 0.0
     while process.poll() is None:
@@ -69,7 +76,7 @@ def begins_s(process: subprocess.Popen[str], place: Path) -> tuple[float, float,
         time.sleep(0.005)
     assert process.stderr is not None
     process.stderr.close()
-    return made_s, written_s, time.monotonic() - began_s
+    return written_s - made_s, time.monotonic() - began_s - written_s
 
 
 def ended(place: Path, number: signal.Signals, after_s: float, *, writing: bool) -> Ended:
@@ -116,16 +123,16 @@ def _read(path: Path) -> str:
 @pytest.mark.long
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
-def test_at_any_moment_what_is_there_is_whole_or_does_not_look_so(tmp_path: Path, number: signal.Signals) -> None:
+def test_at_any_moment_what_is_there_is_whole_or_does_not_look_so(
+    tmp_path: Path, number: signal.Signals, spans_s: tuple[float, float]
+) -> None:
     """Protects an hour of flight from whoever ends it, and its reader from half a file that looks whole."""
-    (tmp_path / "undisturbed").mkdir()
-    made_s, written_s, over_s = begins_s(command(tmp_path / "undisturbed"), tmp_path / "undisturbed")
     draws = random.Random(int(number))  # noqa: S311 - moments, not secrets
     for moment in range(MOMENTS):
         place = tmp_path / str(moment)
         place.mkdir()
         writing = moment >= MOMENTS // 2
-        span_s = over_s - written_s if writing else written_s - made_s
+        span_s = spans_s[writing]
         after_s = draws.uniform(0.0, span_s)
         done = ended(place, number, after_s, writing=writing)
         held = {} if done.folder is None else readable(done.folder)
