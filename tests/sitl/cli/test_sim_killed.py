@@ -117,7 +117,7 @@ def _read(path: Path) -> str:
     if path.suffix == ".laz":
         return f"{len(laspy.read(path).points)} points"
     if path.suffix == ".csv":
-        rows = list(csv.reader(path.open(encoding="utf-8")))
+        rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
         return f"{len(rows)} rows" if len({len(row) for row in rows}) == 1 else "half a row"
     if path.suffix == ".json":
         return f"{len(json.loads(path.read_text(encoding='utf-8')))} figures"
