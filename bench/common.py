@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from companion import text_table
 from companion.config.settings import Settings
+from companion.mapping.files.whole import whole_file
 
 Row = dict[str, object]
 
@@ -75,8 +76,9 @@ def say(text: str) -> None:
 
 
 def write(rows: Sequence[Row], json_file: Path) -> None:
-    """Write all that the rows hold."""
-    json_file.write_text(json.dumps(list(rows), indent=2) + "\n", encoding="utf-8")
+    """Write all that the rows hold, whole or not at all: an earlier measurement may be there."""
+    with whole_file(json_file) as file:
+        file.write((json.dumps(list(rows), indent=2) + "\n").encode())
 
 
 def _text(value: object) -> str:

@@ -1,5 +1,5 @@
 """`python -m companion` is the command `companion`."""
 
-from companion.cli.main import main
+from companion.cli.start import main
 
 main()

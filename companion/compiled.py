@@ -18,29 +18,27 @@ from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from numba import config, njit
-from numba.core.caching import InTreeCacheLocator, UserProvidedCacheLocator, UserWideCacheLocator
 from numba.core.dispatcher import Dispatcher
+
+from companion.compiling import bring, find_place, patience
 
 _ROOT = Path(__file__).resolve().parents[1]
 _OURS = ("companion.", "sitl.", "bench.")
 _IMPORT = re.compile(
     r"^(?:from|import) +((?:companion|sitl|bench)[.\w]*)(?: +import +(\([^)]*\)|[^#\n]*))?", re.MULTILINE
 )
-_INNER: dict[str, Any] = {"cache": True, "nogil": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def compiled(function: _Function) -> Dispatcher[_Function]:
     """Compile a function when it is first called, without the GIL; a division by zero raises as it does in Python."""
-    made: Dispatcher[_Function] = njit(function, cache=True, nogil=True)
-    return made
+    return _made(function, nogil=True)
 
 
 def compiled_unchecked(function: _Function) -> Dispatcher[_Function]:
     """The same, but a division by zero gives what numpy gives: only so can loops with divisions be vectorized."""
-    made: Dispatcher[_Function] = njit(function, cache=True, nogil=True, error_model="numpy")
-    return made
+    return _made(function, nogil=True, error_model="numpy")
 
 
 def inner(function: _Function) -> _Function:
@@ -48,7 +46,15 @@ def inner(function: _Function) -> _Function:
 
     Never to be called from Python, not even in a test: there is nothing to call, and the process would crash.
     """
-    made: _Function = njit(**_INNER)(function)
+    made: Any = _made(function, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+    inner_function: _Function = made
+    return inner_function
+
+
+def _made(function: _Function, **options: Any) -> Dispatcher[_Function]:
+    # Where nothing can be kept, numba refuses to try.
+    kept = find_place(function, function.__code__.co_filename) is not None
+    made: Dispatcher[_Function] = njit(function, cache=kept, **options)
     return made
 
 
@@ -69,13 +75,15 @@ class SourceLocator:
         """The locator of a function of ours; None for others, and when nothing can be written anywhere."""
         if not function.__module__.startswith(_OURS):
             return None
-        for locator in (UserProvidedCacheLocator, InTreeCacheLocator, UserWideCacheLocator):
-            place: Any = locator.from_function(function, file)  # type: ignore[no-untyped-call]
-            if place is not None:
-                stamp = source_stamp(Path(file).resolve())
-                _sweep(Path(place.get_cache_path()), Path(file).stem, stamp)
-                return cls(place, stamp)
-        return None
+        place = find_place(function, file)
+        if place is None:
+            return None
+        stamp = source_stamp(Path(file).resolve())
+        folder = Path(place.get_cache_path())
+        patience.kept_in = str(folder)
+        _sweep(folder, Path(file).stem, stamp)
+        bring(Path(file).resolve().with_name("__pycache__"), folder, Path(file).stem, stamp)
+        return cls(place, stamp)
 
     def ensure_cache_path(self) -> None:
         """Make the folder of the cache."""

@@ -31,6 +31,7 @@ from companion.gate.plan import Plan
 from companion.gate.protocol import GATE_FD
 from companion.safety_case.gate_plan import to_plan
 from sitl.launch.processes import free_udp_ports
+from sitl.launch.program import tied
 
 RATES_HZ = (20.0, 200.0)
 """Of setpoints: as they are flown, and ten times as many for the sake of numbers."""
@@ -82,7 +83,7 @@ def straight(hz: float, seconds: float) -> Row:
         stack.enter_context(theirs)
         autopilot = FakeAutopilot(timed(ours), None)
         environment = {**os.environ, GATE_FD: str(theirs.fileno())}
-        child = subprocess.Popen(command, env=environment, pass_fds=(theirs.fileno(),))  # noqa: S603 - our own
+        child = subprocess.Popen(command, env=environment, pass_fds=(theirs.fileno(),), preexec_fn=tied())  # noqa: S603 - our own
         stack.callback(_end, child)
         _warm_up(autopilot)
         begun_s, sent_before = time.monotonic(), autopilot.sent
@@ -133,7 +134,7 @@ def _gate(plan: Plan, folder: Path, profile: Path | None) -> Iterator[subprocess
     how = [] if profile is None else ["-m", "cProfile", "-o", str(profile)]
     command = [sys.executable, *how, "-m", "companion.gate", "--plan-fd", str(number)]
     with (folder / "gate.log").open("wb") as log:
-        gate = subprocess.Popen(command, pass_fds=(number,), stderr=log)  # noqa: S603 - our own
+        gate = subprocess.Popen(command, pass_fds=(number,), stderr=log, preexec_fn=tied())  # noqa: S603 - our own
     os.close(number)
     try:
         yield gate

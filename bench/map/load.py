@@ -54,6 +54,7 @@ from companion.flight.request import FlightRequest, application, module, sealed
 from companion.recording.flight_stats import figures
 from companion.safety_case.gate_plan import to_plan
 from sitl.launch.processes import Crew, FlightPlan, environment, free_udp_ports
+from sitl.launch.program import tied
 
 SETTLE_S = 3.0
 """After the words "exploring": the last of the take-off does not count."""
@@ -186,6 +187,7 @@ def _application(crew: Crew, which: str, folder: Path) -> Iterator[subprocess.Po
             env={**environment(), MAP: which, OFFERS: str(folder / "offers.json")},
             pass_fds=(request_fd, plan_fd),
             start_new_session=True,
+            preexec_fn=tied(),
         )
     for number in (request_fd, plan_fd):
         os.close(number)

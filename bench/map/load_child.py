@@ -7,6 +7,7 @@ import contextlib
 import dataclasses
 import json
 import os
+import signal
 import sys
 import time
 from multiprocessing import get_context
@@ -18,6 +19,7 @@ import numpy as np
 from companion.flight import __main__ as application
 from companion.flight import mission
 from companion.flight.tasks import background
+from companion.gate.runtime.processes import end_with_parent
 from companion.mapping.process.client import MapClient
 from companion.mapping.process.messages import MapStatus
 from companion.mapping.process.supervisor import MAP_NICENESS, ignore_ctrl_c
@@ -92,6 +94,7 @@ class BusyMap(NoMap):
 def burn() -> None:
     """Use all of a processor that nobody else wants."""
     ignore_ctrl_c()
+    end_with_parent(signal.SIGKILL)
     os.nice(MAP_NICENESS)
     while True:
         pass

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from companion.autopilot.interface import Message
 from companion.config.autopilot import AutopilotSettings
 from companion.mavlink.firmware import KINDS, AutopilotKind
 from companion.mavlink.ids import MavAutopilot, MavComponent
+from companion.mavlink.link_url import SerialLink, parse_link
 
 REMEMBERED = 64
 
@@ -46,6 +49,13 @@ class Neighbours:
         if self._seen:
             names = ", ".join(f"{system}/{component}" for system, component in sorted(self._seen))
             return f"{begin}only senders that are no autopilot (system/component {names}). Is the autopilot on?"
+        if isinstance(link := parse_link(url), SerialLink):
+            if not Path(link.device).exists():
+                return f"{begin}there is no {link.device}. Is its cable plugged in, and is that its name?"
+            return (
+                f"{begin}nothing at all was heard on {link.device}. Is the autopilot on, are TX and RX crossed, does "
+                f"its port speak MAVLink at {link.baud} baud, and does no other program have it open?"
+            )
         return (
             f"{begin}nothing at all was heard. Is the autopilot on, does it send MAVLink to this address, "
             "and does no other program listen on the same port?"

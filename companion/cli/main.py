@@ -24,6 +24,7 @@ from companion.cli.interruption import signals_are_ctrl_c
 from companion.cli.maps import commands as map_commands
 from companion.cli.options import Config, Preset
 from companion.errors import EXIT_INTERRUPTED, CompanionError
+from companion.output import lossy_output
 
 DISTRIBUTION = "mine-companion"
 COMMANDS_GROUP = "companion.commands"
@@ -69,7 +70,8 @@ def schema() -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run one command and exit with its code: 0 done, 1 failed, 2 wrong input or usage, 130 interrupted.
 
-    What the user can mend is one plain message on stderr; anything else keeps its traceback.
+    What the user can mend is one plain message on stderr; anything else keeps its traceback. A standard output that
+    takes nothing any more keeps no command from its work; a full disk there is told, and the exit code is 1.
 
     Args:
         arguments: the command line without the program's name; by default that of the process.
@@ -81,18 +83,28 @@ def main(arguments: Sequence[str] | None = None) -> None:
         # Descriptions hold Greek letters: a terminal without them shows an escape instead of failing.
         sys.stdout.reconfigure(errors="backslashreplace")
     signals_are_ctrl_c()
+    with lossy_output() as lost:
+        code = _exit_code(arguments, called, commands)
+    # Who wanted the output does not have it; what the command did besides is done.
+    sys.exit(CompanionError.exit_code if not code and lost() is not None else code)
+
+
+def _exit_code(arguments: list[str], called: str | None, commands: dict[str, EntryPoint]) -> str | int | None:
     try:
         _app(commands, called)(args=arguments, prog_name="companion")
     except CompanionError as error:
         typer.echo(str(error), err=True)
-        sys.exit(error.exit_code)
+        return error.exit_code
     except ModuleNotFoundError as error:
         if called not in commands or not _is_foreign(error, commands[called]):
             raise
         typer.echo(_missing(commands[called], error), err=True)
-        sys.exit(CompanionError.exit_code)
+        return CompanionError.exit_code
     except KeyboardInterrupt:
-        sys.exit(EXIT_INTERRUPTED)
+        return EXIT_INTERRUPTED
+    except SystemExit as ended:
+        return ended.code
+    return 0
 
 
 def _app(commands: dict[str, EntryPoint], called: str | None) -> typer.Typer:

@@ -172,6 +172,19 @@ class StreamSettings(Section):
     )
 
 
+class MavlinkSettings(Section):
+    """Which rangefinder is believed, where several of one MAVLink link look the same way."""
+
+    down_component: int | None = Field(
+        None, ge=1, le=255, description="MAVLink component of the rangefinder that looks down; empty: first to measure"
+    )
+    down_id: int | None = Field(None, ge=0, le=255, description="id of its DISTANCE_SENSOR; empty: any")
+    up_component: int | None = Field(
+        None, ge=1, le=255, description="MAVLink component of the rangefinder that looks up; empty: first to measure"
+    )
+    up_id: int | None = Field(None, ge=0, le=255, description="id of its DISTANCE_SENSOR; empty: any")
+
+
 class SensorSettings(Section):
     """Everything that measures."""
 
@@ -181,6 +194,7 @@ class SensorSettings(Section):
         "OBSTACLE_DISTANCE), or a driver of an installed package",
     )
     stream: StreamSettings = Field(StreamSettings(), description="the driver stream")
+    mavlink: MavlinkSettings = Field(MavlinkSettings(), description="the driver mavlink")
 
     camera: CameraSettings = Field(CameraSettings(), description="the forward depth camera")
     beams: BeamSettings = Field(BeamSettings(), description="the single-beam rangefinders")

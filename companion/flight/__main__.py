@@ -19,6 +19,8 @@ import typer
 
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
 from companion.flight.gate_socket import GateSocket
+from companion.gate.runtime.processes import end_with_parent
+from companion.output import lossy_output
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -39,6 +41,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     # While nothing flies, the end of the service is the same as Ctrl-C.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # Who loads and compiles looks at no socket, for a minute; from then on the end of the socket is that of the gate.
+    end_with_parent(signal.SIGTERM)
     parser = argparse.ArgumentParser(prog="companion.flight", allow_abbrev=False)
     parser.add_argument("--request-fd", type=int, required=True)
     given = parser.parse_args(arguments)
@@ -47,13 +51,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         typer.echo(str(error), err=True)
         return error.exit_code
-    try:
-        code = _work(given.request_fd, gate)
-    except CompanionError as error:
-        typer.echo(str(error), err=True)
-        code = error.exit_code
-    except KeyboardInterrupt:
-        code = EXIT_INTERRUPTED
+    # A flight goes on when nobody can read what is said of it.
+    with lossy_output():
+        try:
+            code = _work(given.request_fd, gate)
+        except CompanionError as error:
+            typer.echo(str(error), err=True)
+            code = error.exit_code
+        except KeyboardInterrupt:
+            code = EXIT_INTERRUPTED
     # It is over: a late signal must not make a death of it.
     for number in _SIGNALS:
         signal.signal(number, signal.SIG_IGN)

@@ -45,6 +45,9 @@ class Event(enum.Enum):
     CONNECTED = Texts("connected; listening to the autopilot and the sensors")
     NOT_READY_YET = Texts("waiting for {what}, up to {timeout_s:g} s")
     REFUSED = Texts("{results}", "not armed: {failed}", severity=_ERROR)
+    NAME_TAKEN = Texts(
+        "{wanted} is there already (is the clock of this computer right?): this flight is kept in {folder}"
+    )
     MAP_STARTING = Texts(
         "starting the map (the first start on a computer compiles it: a minute, on a small one several)"
     )
@@ -71,6 +74,7 @@ class Event(enum.Enum):
     )
     MAP_TROUBLE = Texts("map: {problem}", "map: {problem}", "map", severity=_WARNING)
     MAP_WELL = Texts("map: in order again", "map: in order again", "map", severity=_NOTICE)
+    SENSOR_WARNING = Texts("sensors: {text}", "{text}", "sensors", "{text}", _WARNING)
     AUTOPILOT_TEXT = Texts("autopilot: {text}", kind="statustext", recorded="{text}")
     GATE_NOTICE = Texts("gate: {text}", kind="gate", recorded="{text}", severity=_WARNING)
 
@@ -82,7 +86,9 @@ class Event(enum.Enum):
     )
     BROKE_OFF = Texts(kind=content.ENDED, recorded="{why}", severity=_ERROR)
     MAP_WRITING = Texts("writing the map")
+    MAP_STILL_WRITTEN = Texts("writing the map: a moment; interrupt once more to end with what is there")
     MAP_NOT_WRITTEN = Texts("the map was not written: {error}")
+    SUMMARY_NOT_WRITTEN = Texts("summary.json was not written: {error}; it would be {summary}")
     OVER = Texts("{why}: {files} map files are in {map_folder}, the recording in {folder}")
 
 

@@ -13,7 +13,7 @@ from companion.flight.events import Event, EventEmitter
 from companion.flight.gate_socket import GateSocket
 from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.gate.faults import Stage
-from companion.gate.protocol import Beat, Notice, Phase
+from companion.gate.protocol import LINK, Beat, Notice, Phase
 from companion.model import Measurement, Pose
 from companion.sides import NOTHING_AROUND
 
@@ -54,12 +54,14 @@ class GateClient:
         counted: how often the gate has said what.
         taken: set once the gate has begun to hold or land the vehicle.
         lost: set when the gate is gone.
+        link_problem: what the gate says is wrong with the link to the autopilot; empty: nothing.
     """
 
     def __init__(self, socket: GateSocket, clock: Clock, events: EventEmitter, flight: PhaseMachine) -> None:
         self.counted: Counter[str] = Counter()
         self.taken = asyncio.Event()
         self.lost = asyncio.Event()
+        self.link_problem = ""
         self.socket = socket
         self._clock = clock
         self._events = events
@@ -123,6 +125,10 @@ class GateClient:
         """Show, record and count the notices; find out when the gate is gone."""
         for notice in self.socket.notices():
             text = notice.text
+            if text.startswith(LINK):
+                self.link_problem = text.removeprefix(LINK).strip()
+                if not self.link_problem:
+                    continue
             self.counted[text if text in self.counted or len(self.counted) < KINDS_OF_NOTICES else OTHERS] += 1
             self._events.emit(Event.GATE_NOTICE, text=text)
         self._notice = self.socket.stage or self._notice

@@ -23,7 +23,7 @@ from companion.flight.airborne import Airborne
 from companion.flight.events import Event, EventEmitter, console, recording, status_text
 from companion.flight.gate_client import GateClient
 from companion.flight.gate_socket import GateSocket
-from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands
+from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands, UnfinishedError
 from companion.flight.phase import PhaseEvent, PhaseMachine
 from companion.flight.preflight import CheckResult
 from companion.flight.preflight.run import checked, passed
@@ -33,10 +33,13 @@ from companion.flight.session import Session, open_session
 from companion.flight.tasks import background
 from companion.flight.termination import Termination
 from companion.flight.warm_up import warm_up
+from companion.gate.runtime.processes import end_with_parent
+from companion.mapping.files.whole import whole_file
 from companion.mapping.process.client import MapClient, check_folder
 from companion.mapping.process.messages import MapError
 from companion.pipeline import Explorer
 from companion.recording import RECORDING_NAME, FlightInfo, Recorder
+from companion.recording.folder import make_folder
 
 Show = Callable[[str], None]
 
@@ -99,6 +102,7 @@ def _load(settings: Settings, events: EventEmitter) -> None:
     """Before anything listens: what is compiled while messages arrive makes all of them late."""
     events.emit(Event.LOADING)
     warm_up(settings)
+    end_with_parent(None)
     events.emit(Event.CONNECTING, url=settings.autopilot.url)
 
 
@@ -125,8 +129,7 @@ class _Flight:
 
     async def run(self, results: list[CheckResult]) -> dict[str, Any]:
         settings, session, events = self._settings, self._session, self._events
-        folder = _new_folder(Path(settings.record.folder))
-        (folder / "settings.yaml").write_text(dump_yaml(settings), encoding="utf-8")
+        folder = self._new_folder(Path(settings.record.folder))
         rng = np.random.default_rng(self._seed)
         info = FlightInfo.of(settings, rng)
         explorer = Explorer(settings, rng)
@@ -142,7 +145,9 @@ class _Flight:
             self._record(results)
             results = await self._wait_for_start(results)
             vehicle = Vehicle(session.link, session.telemetry, settings, session.clock)
-            reporter = TickReporter(events, self._status_reporter, session.telemetry, mapper, session.flight)
+            reporter = TickReporter(
+                events, self._status_reporter, session.telemetry, mapper, session.flight, session.sink.warnings
+            )
             watchers = (recorder.tick, map_feed(mapper), reporter)
             control_loop = session.control_loop(explorer, vehicle.send, watchers)
             airborne = Airborne(session, self._operator, vehicle, control_loop, mapper, events)
@@ -159,11 +164,27 @@ class _Flight:
                 "map_folder": str(map_folder),
                 "map_problem": problem,
             }
-        (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+        try:
+            with whole_file(folder / "summary.json") as file:
+                file.write((json.dumps(summary, indent=2) + "\n").encode())
+        except OSError as error:
+            # The flight is over, and has ended as it has: a full disk makes no failure of it.
+            events.emit(Event.SUMMARY_NOT_WRITTEN, error=error.strerror, summary=json.dumps(summary))
         events.emit(Event.OVER, why=why, files=len(files), map_folder=map_folder, folder=folder)
         if broke_off is not None:
             raise broke_off
         return summary
+
+    def _new_folder(self, parent: Path) -> Path:
+        wanted = parent / f"{datetime.now(UTC):%Y%m%d-%H%M%S}"
+        try:
+            folder = make_folder(wanted)
+            (folder / "settings.yaml").write_text(dump_yaml(self._settings), encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"record.folder = {parent}: {error.strerror}; give a folder that you may write") from None
+        if folder != wanted:
+            self._events.emit(Event.NAME_TAKEN, wanted=wanted, folder=folder)
+        return folder
 
     def _mapper(self, folder: Path) -> MapClient:
         settings = self._settings
@@ -180,11 +201,12 @@ class _Flight:
 
     async def _save(self, mapper: MapClient) -> tuple[list[Path], str | None]:
         """The files of the map, or why there are none: a full disk must not end what comes after a flight."""
-        self._events.emit(Event.MAP_WRITING)
+        events = self._events
+        events.emit(Event.MAP_WRITING)
         try:
-            return await mapper.save(), None
-        except MapError as error:
-            self._events.emit(Event.MAP_NOT_WRITTEN, error=error)
+            return await self._operator.finish(mapper.save(), lambda: events.emit(Event.MAP_STILL_WRITTEN)), None
+        except (MapError, UnfinishedError) as error:
+            events.emit(Event.MAP_NOT_WRITTEN, error=error)
             return [], str(error)
 
     async def _wait_for_start(self, results: list[CheckResult]) -> list[CheckResult]:
@@ -239,12 +261,3 @@ class _Flight:
             "skipped_checks": [result.name for result in results if result.skipped],
             "versions": {name: version(name) for name in ("mine-companion", "mavsdk", "numpy", "numba")},
         }
-
-
-def _new_folder(parent: Path) -> Path:
-    folder = parent / f"{datetime.now(UTC):%Y%m%d-%H%M%S}"
-    try:
-        folder.mkdir(parents=True)
-    except OSError as error:
-        raise InputError(f"record.folder = {parent}: {error.strerror}; give a folder that you may write") from None
-    return folder

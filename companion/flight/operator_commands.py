@@ -8,8 +8,8 @@ import functools
 import signal
 import sys
 import termios
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Coroutine, Iterator
+from typing import Any, TypeVar
 
 from companion.autopilot.interface import Link, LinkError, Message
 from companion.autopilot.vehicle_state import integer, number
@@ -19,11 +19,17 @@ from companion.mavlink.ids import MavCmd, MavComponent, MavResult
 
 LARGEST_COMMAND = 65535
 
+T = TypeVar("T")
+
 
 class InterruptedFlightError(CompanionError):
     """Ctrl-C, or the end of the service, before the vehicle explored."""
 
     exit_code = EXIT_INTERRUPTED
+
+
+class UnfinishedError(CompanionError):
+    """The writing of the map was broken off by whoever did not want to wait."""
 
 
 class OperatorCommands:
@@ -43,6 +49,7 @@ class OperatorCommands:
         self._by_command = by_command
         self._flight = flight
         self._task: asyncio.Task[object] | None = None
+        self._instead: Callable[[], None] | None = None
 
     def listen(self, link: Link) -> None:
         """Obey a ground station's commands to this component."""
@@ -93,7 +100,41 @@ class OperatorCommands:
         finally:
             loop.remove_reader(sys.stdin)
 
+    async def finish(self, work: Coroutine[Any, Any, T], on_asked: Callable[[], object]) -> T:
+        """Write the map, which is what a flight was for: the first signal is told to wait, the next one breaks it off.
+
+        Args:
+            work: writes it.
+            on_asked: tells whoever sent the first signal.
+
+        Raises:
+            UnfinishedError: it was broken off.
+        """
+        task = asyncio.ensure_future(work)
+        asked = False
+
+        def on_signal() -> None:
+            nonlocal asked
+            if asked:
+                task.cancel()
+            else:
+                asked = True
+                on_asked()
+
+        self._instead = on_signal
+        try:
+            await asyncio.wait([task])
+        finally:
+            self._instead = None
+            task.cancel()
+        if task.cancelled():
+            raise UnfinishedError("broken off by Ctrl-C; its journal is whole")
+        return task.result()
+
     def _on_signal(self) -> None:
+        if self._instead is not None:
+            self._instead()
+            return
         self.interrupted = True
         self.stop.set()
         if not self._flight.phase.airborne and self._task is not None:

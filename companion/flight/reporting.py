@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 from companion.autopilot.status_reporter import StatusReporter
 from companion.autopilot.telemetry import Telemetry
 from companion.flight.control_loop import Watcher
@@ -46,6 +48,7 @@ class TickReporter:
         telemetry: the autopilot's own words, which the operator and the recording get too.
         mapper: how complete the map is.
         flight: knows the phase.
+        warnings: what the sensors' drivers have to tell since the last call.
     """
 
     def __init__(
@@ -55,8 +58,10 @@ class TickReporter:
         telemetry: Telemetry,
         mapper: MapClient,
         flight: PhaseMachine,
+        warnings: Callable[[], Sequence[str]],
     ) -> None:
         self._emit = events.emit
+        self._warnings = warnings
         self._status_reporter = status_reporter
         self._telemetry = telemetry
         self._mapper = mapper
@@ -74,6 +79,8 @@ class TickReporter:
         """Note what somebody must know of this tick."""
         self._relay_texts()
         self._watch_map()
+        for text in self._warnings():
+            self._emit(Event.SENSOR_WARNING, text=text)
         measurement = tick.measurement
         self._status_reporter.value("d", None if measurement is None else measurement.d_m)
         self._status_reporter.value("h", None if measurement is None else measurement.h_m)

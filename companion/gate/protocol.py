@@ -25,6 +25,9 @@ GATE_FD = "COMPANION_GATE_FD"
 PACKET_BYTES = 2048
 """No packet is larger."""
 
+LINK = "link:"
+"""So begins a notice of what is wrong with the link to the autopilot; with nothing behind it all is well again."""
+
 _BEAT, _GOODBYE, _NOTICE = b"beat", b"bye!", b"note"
 _BEAT_FORMAT = struct.Struct("<4sB14d")
 _GOODBYE_FORMAT = struct.Struct("<4sB")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
 
@@ -39,6 +40,8 @@ NOT_POSITIVE = "range or depth below zero, or depth of zero: missing is NaN or N
 NO_SURFACE = "shows no surface: nothing measured, too near, or all of it free"
 FROZEN = "repeats an earlier one to the last bit though the vehicle has moved"
 
+MOST_WARNINGS = 16
+"""Wait to be told."""
 SAMPLE_PX = 8
 """Of every eighth row every eighth pixel is looked at first: nearly always one of them shows a surface."""
 
@@ -89,6 +92,7 @@ class SensorSink:
         self._depth: RawDepth | None = None
         self._ranges: dict[Beam, RangeReading] = {}
         self._planar: RawPlanar | None = None
+        self._warnings: deque[str] = deque(maxlen=MOST_WARNINGS)
 
     def depth(self, frame: RawDepth) -> None:
         """Offer a depth image: (height, width) of its camera, float32, all positive; NaN is missing, infinity free."""
@@ -125,6 +129,18 @@ class SensorSink:
         """
         with self._lock:
             self._streams[stream].refuse(reason)
+
+    def warn(self, text: str) -> None:
+        """Have operator and pilot told something of the sensors; the pilot reads 50 characters of it."""
+        with self._lock:
+            self._warnings.append(text)
+
+    def warnings(self) -> list[str]:
+        """What there is to tell since the last call."""
+        with self._lock:
+            taken = list(self._warnings)
+            self._warnings.clear()
+        return taken
 
     def take(self) -> Taken:
         """The newest of each stream since the last call, each handed out once."""

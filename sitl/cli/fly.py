@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+import signal
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,7 +10,7 @@ import typer
 
 from companion.errors import CompanionError, InputError
 from sitl.cli.mesh_options import DEFAULT_CLOUD_VOXEL_M, CloudVoxel, Scale, UpAxis, spelled
-from sitl.launch.processes import Crew, FlightPlan, patient, run_to_its_end
+from sitl.launch.processes import Crew, FlightPlan, run_to_its_end
 from sitl.launch.real import find
 from sitl.mines.placing import Reading
 
@@ -45,14 +45,14 @@ def fly(
     touched, 1 when the flight ended otherwise, 2 for wrong input, 130 after Ctrl-C.
     """
     # It brings the drawing library, for which the other commands of this group need not wait.
-    from sitl.report.run_folder import new_folder
+    from sitl.report.run_folder import default_folder, new_folder
 
     if real and boot_s is not None:
         raise InputError(f"--boot-s {boot_s:g}: --real boots in its own time")
     gps = "nogps" if no_gps else "gps"
-    target = Path("runs") / f"{datetime.now(UTC):%Y%m%d-%H%M%S}-{personality}-{gps}" if out is None else out
-    with new_folder(target):
+    with new_folder(default_folder(f"{personality}-{gps}") if out is None else out) as folder:
         pass
+    target = folder.target
     plan = FlightPlan(
         folder=target,
         personality=personality,
@@ -65,7 +65,7 @@ def fly(
         real=find(personality) if real else None,
     )
     typer.echo("starting the autopilot and the world (the first time on a computer takes about a minute)")
-    with patient(), Crew(plan) as crew:
+    with Crew(plan) as crew:
         for line in crew.about_the_mine():
             typer.echo(line)
         if not real:
@@ -79,6 +79,8 @@ def fly(
         f"truth: {score['path_length_m']:.0f} m flown, least distance to a wall {_metres(score['least_d_m'])}, "
         f"{score['contacts']} contacts; everything is in {target}"
     )
+    if code < 0:
+        raise FlightFailedError(f"the gate was ended by signal {-code} ({signal.strsignal(-code)})")
     if code != 0:
         raise typer.Exit(code)
     if score["contacts"]:

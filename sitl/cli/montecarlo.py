@@ -89,7 +89,7 @@ def montecarlo(
     console = Console()
     with console.status("preparing the missions"):
         campaign = plan(described)
-    folder = default_folder("campaign", len(campaign.missions)) if out is None else out
+    folder = default_folder(f"campaign-{len(campaign.missions)}") if out is None else out
     with claimed(folder, campaign) as ledger:
         _fly(campaign, ledger, _workers(jobs, scheduler), folder, console, retry_failed)
         rows = list(ledger.rows.values())

@@ -15,7 +15,7 @@ from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
 from sitl.cli.mesh_options import DEFAULT_CLOUD_VOXEL_M, CloudVoxel, Scale, UpAxis
 from sitl.mines import load_world
 from sitl.mines.placing import Reading
-from sitl.report.run_folder import default_folder, new_folder, write_run
+from sitl.report.run_folder import default_folder, flown, new_folder, write_run
 from sitl.sim.display import Display, clock
 from sitl.sim.simulation import Simulation
 
@@ -69,11 +69,9 @@ def simulate(
             "layers have room for; allow more there, with control.vertical_margin_m small enough"
         )
     reading = Reading(scale, up, cloud_voxel)
-    target = default_folder(world, seed) if out is None else out
-    began = False
+    folder = None
     try:
-        with new_folder(target) as folder:
-            began = True
+        with new_folder(default_folder(flown(world, seed)) if out is None else out) as folder:
             with console.status(PREPARING) as status:
                 mine = load_world(world, seed, start, reading)
                 simulation = Simulation(
@@ -84,11 +82,12 @@ def simulate(
                 console.print(f"  {remark}", highlight=False, soft_wrap=True, markup=False)
             failure = _fly(simulation, limit_s, console)
             with console.status("writing map and report"), finishing("writing map and report"):
-                summary = write_run(folder, simulation, loaded.preset, config)
+                summary = write_run(folder.path, simulation, loaded.preset, config)
     except BaseException:
-        if began and target.is_dir() and any(target.iterdir()):
-            typer.echo(f"what had been written is in {target}", err=True)
+        if folder is not None and folder.target.is_dir() and any(folder.target.iterdir()):
+            typer.echo(f"what had been written is in {folder.target}", err=True)
         raise
+    target = folder.target
     _say_result(console, simulation, summary, target)
     if failure is not None:
         raise failure

@@ -9,7 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from typing import Any
 from companion.cli.interruption import handled
 from companion.config.load import load, merge
 from companion.config.settings import Settings
-from sitl.launch.program import Ports, Program, Running
+from sitl.launch.program import Ports, Program, Running, tied
 from sitl.launch.real import RealAutopilot
 
 START_TIMEOUT_S = 240.0
@@ -215,24 +215,15 @@ def _bound(stack: contextlib.ExitStack, kind: socket.SocketKind) -> int:
     return int(found.getsockname()[1])
 
 
-@contextlib.contextmanager
-def patient() -> Iterator[None]:
-    """Leave Ctrl-C to the application, which lands first."""
-    before = signal.signal(signal.SIGINT, lambda *_: None)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
 def run_to_its_end(command: Sequence[str]) -> int:
     """Run the application, which lands first whatever ends it; its exit code.
 
     Ctrl-C reaches it from the terminal, as it reaches all of them. SIGTERM and SIGHUP come to this process alone: they
-    are handed on.
+    are handed on. When this process is killed, the gate hears of it, and ends the flight as after SIGTERM.
     """
     with (
-        subprocess.Popen(command, env=environment()) as child,  # noqa: S603
+        subprocess.Popen(command, env=environment(), preexec_fn=tied()) as child,  # noqa: S603
+        handled((signal.SIGINT,), lambda *_: None),
         handled((signal.SIGTERM, signal.SIGHUP), lambda *_: child.send_signal(signal.SIGINT)),
     ):
         return child.wait()

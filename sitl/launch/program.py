@@ -6,11 +6,12 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from companion.errors import CompanionError
+from companion.gate.runtime.processes import end_with_parent
 
 END_TIMEOUT_S = 10.0
 SAID = 500
@@ -49,6 +50,22 @@ class Program:
     folder: Path | None = None
 
 
+def tied() -> Callable[[], None]:
+    """For ``preexec_fn``: a process that is told to end when this one has ended, however that ended.
+
+    To be started from a thread that lives as long as this process: for the kernel that thread is the parent.
+    """
+    parent = os.getpid()
+
+    def tie() -> None:
+        end_with_parent(signal.SIGTERM)
+        if os.getppid() != parent:
+            # It ended before the kernel was told.
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    return tie
+
+
 class Running:
     """A program that has been started.
 
@@ -84,6 +101,7 @@ class Running:
                 cwd=program.folder,
                 # Ctrl-C is for the application, which ends the flight; the others end after it.
                 start_new_session=True,
+                preexec_fn=tied(),
             )
 
     def wait(self, timeout_s: float) -> None:

@@ -19,54 +19,84 @@ from companion.mapping.files import GEOREFERENCED, OF_A_MISSION, Georeference
 from companion.mapping.files import write as write_map_file
 from companion.mapping.files.whole import whole_file
 from companion.mapping.journal import JOURNAL_NAME, Header, Journal
+from companion.recording.folder import free_names
 from sitl.report import ReportData, overview_png, write_report
 from sitl.sim.simulation import Simulation
 
 
-def default_folder(world: str, seed: int) -> Path:
-    """A new name under ``runs/``, with the time of day in UTC in it."""
-    stem = Path(world).stem.replace(":", "-")
-    return Path("runs") / f"{datetime.now(UTC):%Y%m%d-%H%M%S}-{stem}-{seed}"
+def default_folder(what: str) -> Path:
+    """A new name under ``runs/``, with the time of day in UTC and what is flown in it."""
+    wanted = Path("runs") / f"{datetime.now(UTC):%Y%m%d-%H%M%S}-{what}"
+    return next(name for name in free_names(wanted) if not name.exists())
+
+
+def flown(world: str, seed: int) -> str:
+    """What is flown, as a part of a name."""
+    return f"{Path(world).stem.replace(':', '-')}-{seed}"
+
+
+class RunFolder:
+    """A folder that is being filled.
+
+    Attributes:
+        path: where to write now. Whoever is killed leaves it, and what it holds, beside the name that it was to have.
+        target: where everything is in the end.
+    """
+
+    def __init__(self, path: Path, target: Path) -> None:
+        self.path = path
+        self.target = target
+
+    def become(self) -> None:
+        """Take the name that was wanted; one with a number behind it when somebody else has taken that meanwhile.
+
+        Raises:
+            CompanionError: it cannot; everything is in `path`.
+        """
+        try:
+            if self.target.is_dir() and not any(self.target.iterdir()):
+                # An empty folder that is there already may be a link, another disk, or where a shell stands: it is
+                # filled, not replaced.
+                for file in sorted(self.path.iterdir()):
+                    shutil.move(file, self.target / file.name)
+                self.path.rmdir()
+                return
+            # mkdtemp makes folders that only their owner may read.
+            self.path.chmod(0o755)
+            self.target = next(name for name in free_names(self.target) if not name.exists())
+            self.path.replace(self.target)
+        except OSError as error:
+            raise CompanionError(f"{self.target}: {error.strerror or error}; the results are in {self.path}") from None
 
 
 @contextmanager
-def new_folder(target: Path) -> Iterator[Path]:
+def new_folder(target: Path) -> Iterator[RunFolder]:
     """A folder to write into, which becomes ``target`` at the end, however that comes; an empty one goes away.
 
     It is made before the flight: whoever may not write there learns it at once and not after an hour.
 
     Raises:
         InputError: ``target`` exists and is not an empty folder, or cannot be made.
+        CompanionError: it cannot have its name in the end; the error says where the results are.
     """
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise InputError(f"--out {target}: exists already and is not an empty folder; give a new name")
     try:
         beside = target.resolve()
         beside.parent.mkdir(parents=True, exist_ok=True)
-        partial = Path(tempfile.mkdtemp(prefix=f".{beside.name}.", dir=beside.parent))
+        partial = Path(tempfile.mkdtemp(prefix=f"{beside.name}.unfinished-", dir=beside.parent))
     except OSError as error:
         raise InputError(f"--out {target}: {error.strerror}; give a folder that you may write") from None
+    folder = RunFolder(partial, target)
     try:
-        yield partial
+        yield folder
     except BaseException:
         if any(partial.iterdir()):
-            _become(partial, target)
+            folder.become()
+        else:
+            partial.rmdir()
         raise
-    else:
-        _become(partial, target)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
-
-
-def _become(partial: Path, target: Path) -> None:
-    if target.is_dir():
-        # An empty folder that is there already may be a link, or where a shell stands: it is filled, not replaced.
-        for file in sorted(partial.iterdir()):
-            file.replace(target / file.name)
-    else:
-        # mkdtemp makes folders that only their owner may read.
-        partial.chmod(0o755)
-        partial.replace(target)
+    folder.become()
 
 
 def write_run(folder: Path, simulation: Simulation, preset: str, config: Path | None) -> dict[str, object]:
@@ -128,10 +158,12 @@ def write_run(folder: Path, simulation: Simulation, preset: str, config: Path | 
         for name, write in writers.items():
             try:
                 write(folder / name)
-            except (OSError, MemoryError, CompanionError) as error:
+            except BaseException as error:
                 # Half a file would be taken for a whole one; the journal tells by itself how far it is whole.
                 if name != JOURNAL_NAME:
                     (folder / name).unlink(missing_ok=True)
+                if not isinstance(error, OSError | MemoryError | CompanionError):
+                    raise
                 unwritten[name] = str(error) or type(error).__name__
             waiting.remove(name)
     except BaseException as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 import random
+import re
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -14,8 +15,10 @@ import pytest
 
 from companion.autopilot import px4_events
 from companion.autopilot.commands import LAST_WORD_S
+from companion.autopilot.discovery import Neighbours
 from companion.autopilot.inbox import PENDING, Inbox
 from companion.autopilot.interface import LinkError, Message
+from companion.config.autopilot import AutopilotSettings
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavCmd, MavState
 from sitl.launch.processes import free_udp_ports
@@ -55,6 +58,18 @@ async def test_when_our_autopilot_is_not_there_the_error_says_what_was(
             pytest.fail("connected to nobody")
     assert str(port) in str(caught.value)
     await until(lambda: threads() <= before, "every thread has ended", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("device", "said"),
+    [
+        ("/dev/ttyGONE9", "there is no /dev/ttyGONE9"),
+        ("/dev/null", "nothing at all was heard on /dev/null.*57600 baud"),
+    ],
+)
+def test_a_serial_port_is_named_where_nothing_came(device: str, said: str) -> None:
+    """Protects the person with a cable: what concerns a network would mislead."""
+    assert re.search(said, Neighbours(AutopilotSettings(url=f"serial://{device}")).instead_of_ours())
 
 
 async def test_leaving_ends_every_thread_and_nothing_works_afterwards() -> None:

@@ -128,6 +128,14 @@ print(sorted({"numba", "open3d", "matplotlib", "sitl.cli.sim"} & set(sys.modules
             assert process.stderr is not None
             assert process.stderr.read() == b""
 
+    @pytest.mark.parametrize("arguments", [["--version"], ["--help"], ["config", "show"], ["safety", "budget"]])
+    def test_a_full_disk_is_one_line_and_a_failure(self, arguments: list[str]) -> None:
+        """Protects from a traceback, and from a file that is taken for whole."""
+        with open("/dev/full", "wb") as full:  # noqa: PTH123 - as a shell redirects
+            done = subprocess.run([*COMPANION, *arguments], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+        assert done.returncode == 1
+        assert done.stderr == "standard output: No space left on device; what would be printed from here on is lost\n"
+
 
 class TestCommandsFromElsewhere:
     """The entry-point group `companion.commands`."""

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Sequence
+from typing import IO
 
 from companion.flight.gate_socket import GateSocket
 from companion.gate.faults import Stage
@@ -85,17 +86,23 @@ class FakeGate:
         return [said for said in self.heard() if isinstance(said, Beat)]
 
     def run(
-        self, *words: str, inherit: Sequence[int] = (), timeout_s: float = 90.0
+        self,
+        *words: str,
+        inherit: Sequence[int] = (),
+        timeout_s: float = 90.0,
+        program: Sequence[str] = ("-m", "companion.flight"),
+        stdout: IO[bytes] | int = subprocess.PIPE,
     ) -> subprocess.CompletedProcess[str]:
         """The application as the gate starts it, until it has ended."""
         self._its.set_inheritable(True)
         number = self._its.fileno()
         return subprocess.run(
-            [sys.executable, "-m", "companion.flight", *words],
+            [sys.executable, *program, *words],
             env={**os.environ, GATE_FD: str(number)},
             pass_fds=(number, *inherit),
             stdin=subprocess.DEVNULL,
-            capture_output=True,
+            stdout=stdout,
+            stderr=subprocess.PIPE,
             text=True,
             timeout=timeout_s,
             check=False,

@@ -123,6 +123,27 @@ def test_every_end_in_words_has_its_exit_code_and_a_goodbye(
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_IGN, "a late signal makes no death of a good end"
 
 
+TALKS = """
+import sys
+from companion.flight import __main__ as application, mission
+async def fly(request, gate, show):
+    for line in range(100):
+        show("exploring")
+    return {"interrupted": False, "as_it_should": True}
+mission.fly = fly
+sys.exit(application.main())
+"""
+
+
+def test_a_log_on_a_full_disk_does_not_end_a_flight() -> None:
+    """Every line that is shown is shown from within the flight: before, the first one that was refused broke it off."""
+    with FakeGate() as fake, handed(FLIGHT) as number, open("/dev/full", "wb") as full:  # noqa: PTH123 - as a shell does
+        ended = fake.run("--request-fd", number, inherit=(int(number),), program=("-c", TALKS), stdout=full)
+        assert ended.returncode == 0, ended.stderr
+        assert ended.stderr.count("No space left on device") == 1
+        assert fake.heard() == [Goodbye(0)]
+
+
 def test_an_error_that_nobody_expected_says_no_goodbye(gate: FakeGate, monkeypatch: pytest.MonkeyPatch) -> None:
     """The gate has to take it for what it is: a death of the application, after which the vehicle is stopped."""
 

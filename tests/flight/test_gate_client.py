@@ -302,3 +302,14 @@ def test_what_is_not_known_survives_the_way() -> None:
         (beat,) = gate.beats()
         assert (beat.depth_age_s, beat.phase) == (math.inf, Phase.GROUND)
         assert math.isnan(beat.ahead_m)
+
+
+def test_what_the_gate_says_of_the_link_is_known_until_it_is_over(stand: Stand) -> None:
+    """Protects the pre-flight check: two senders of one number are seen by the gate alone."""
+    stand.gate.say("link: two senders")
+    stand.talk.look()
+    assert stand.talk.link_problem == "two senders"
+    stand.gate.say("link: ")
+    stand.talk.look()
+    assert stand.talk.link_problem == ""
+    assert stand.said == ["gate: link: two senders"]

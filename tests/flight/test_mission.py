@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import json
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
+from datetime import datetime, tzinfo
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Self
@@ -179,3 +181,40 @@ async def test_a_flight_from_the_checks_to_the_summary(
     times_s = [beat.t_s for beat in scene.mine.beats if beat.phase is not Phase.GROUND]
     assert max(after - before for before, after in pairwise(times_s)) < 0.11, "also while the map is written"
     assert summary["beats_unsent"] == 0
+
+
+class StoppedClock(datetime):
+    """A clock without a battery."""
+
+    @classmethod
+    def now(cls, tz: tzinfo | None = None) -> StoppedClock:
+        return cls(2000, 1, 1, tzinfo=tz)
+
+
+async def test_a_flight_of_the_same_second_is_flown(
+    gate: FakeGate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Protects whoever stands in a mine with a computer that does not know the time: before, it refused to fly."""
+    monkeypatch.setattr(mission, "datetime", StoppedClock)
+    before = tmp_path / "20000101-000000"
+    (before / "map.journal").mkdir(parents=True)
+    scene = Scene(gate, tmp_path, "now", monkeypatch)
+    await scene.fly()
+    after = tmp_path / "20000101-000000-2"
+    assert [path.name for path in before.iterdir()] == ["map.journal"]
+    assert (after / "flight.mcap").exists()
+    assert any(f"{before} is there already" in line and str(after) in line for line in scene.lines)
+
+
+async def test_a_disk_that_is_full_at_the_end_makes_no_failure_of_a_flight(
+    gate: FakeGate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Protects the end of a flight: before, a traceback and no last word to the gate."""
+
+    def full(_: Path) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(mission, "whole_file", full)
+    scene = Scene(gate, tmp_path, "now", monkeypatch)
+    assert (await scene.fly())["ended_because"] == "complete"
+    assert any("No space left on device" in line and '"ended_because": "complete"' in line for line in scene.lines)

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from companion.errors import InputError
-from companion.flight.operator_commands import OperatorCommands
+from companion.flight.operator_commands import OperatorCommands, UnfinishedError
 from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.mavlink.ids import MavCmd
 from tests.autopilot.fake_link import FakeLink
@@ -146,3 +146,39 @@ async def test_where_nothing_flies_a_signal_ends_the_program() -> None:
         with pytest.raises(asyncio.CancelledError):
             await asyncio.sleep(5.0)
     assert operator.interrupted
+
+
+async def test_who_interrupts_the_writing_of_the_map_is_told_to_wait_and_the_next_time_it_ends() -> None:
+    """Protects the map from impatience, and the impatient from a disk that hangs: before, neither was heard."""
+    operator = OperatorCommands(True, in_phase(FlightPhase.ENDED))
+    written = asyncio.Event()
+    told_s: list[str] = []
+
+    async def write() -> str:
+        await written.wait()
+        return "map"
+
+    async def interrupted(times: int) -> str:
+        with operator.signals():
+            writing = asyncio.create_task(operator.finish(write(), lambda: told_s.append("a moment")))
+            for _ in range(times):
+                await asyncio.sleep(0)
+                os.kill(os.getpid(), signal.SIGINT)
+                await asyncio.sleep(0.01)
+            if times < 2:
+                written.set()
+            return await writing
+
+    with pytest.raises(UnfinishedError, match="its journal is whole"):
+        await interrupted(2)
+    assert await interrupted(1) == "map"
+    assert told_s == ["a moment"] * 2
+    assert not operator.interrupted, "the flight had ended by itself"
+
+
+async def test_what_goes_wrong_while_the_map_is_written_is_said() -> None:
+    async def fails() -> None:
+        raise OSError("full")
+
+    with pytest.raises(OSError, match="full"):
+        await OperatorCommands(True, in_phase(FlightPhase.ENDED)).finish(fails(), lambda: None)

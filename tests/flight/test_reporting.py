@@ -26,6 +26,7 @@ from companion.model import DepthFrame, Input, Mode, Observation, PlanarScan, Po
 from companion.pipeline import Tick
 from companion.recording import Recorder
 from companion.recording.content import ENDED, ENGAGED
+from companion.sensors.sink import SensorSink
 from tests.autopilot.fake_link import FakeLink
 from tests.control.stages import beside
 from tests.flight.test_control_loop import CAMERA
@@ -89,8 +90,14 @@ class Stand:
         self.events = EventEmitter(
             console(self.said.append), status_text(self.status_reporter), recording(cast("Recorder", self.notes))
         )
+        self.sink = SensorSink(self.clock)
         self.reporter = TickReporter(
-            self.events, self.status_reporter, self.telemetry, cast("MapClient", self.mapper), self.flight
+            self.events,
+            self.status_reporter,
+            self.telemetry,
+            cast("MapClient", self.mapper),
+            self.flight,
+            self.sink.warnings,
         )
 
     def tick(self, *, missing: tuple[Input, ...] = (), mode: Mode = Mode.BOUNDARY) -> None:
@@ -308,3 +315,18 @@ def test_the_heartbeat_says_whether_the_vehicle_flies_and_whether_all_is_well() 
         newest = told.on_the_link("HEARTBEAT")[-1]
         states.append((newest["system_status"], newest["base_mode"]))
     assert states == [(3, 0), (4, 128), (5, 128), (4, 128), (6, 128)]
+
+
+def test_what_a_driver_has_to_tell_reaches_operator_pilot_and_recording() -> None:
+    """Protects the height from a rangefinder that sees something else: said once, in all three places."""
+    stand = Stand()
+    stand.sink.warn("rangefinders down: 1/0 0.30 m, 42/1 1.50 m contradict each other")
+    for _ in range(30):
+        stand.tick()
+    assert [line for line in stand.said if "rangefinders" in line] == [
+        "sensors: rangefinders down: 1/0 0.30 m, 42/1 1.50 m contradict each other"
+    ]
+    assert any(text.startswith("rangefinders down: 1/0 0.30 m, 42/1 1.50 m") for text in stand.texts())
+    assert ("sensors", "rangefinders down: 1/0 0.30 m, 42/1 1.50 m contradict each other", logging.WARNING) in (
+        stand.notes.events
+    )

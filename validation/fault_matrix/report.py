@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+from companion.mapping.files.whole import whole_file
 from validation.fault_matrix.faults import BY_NAME
 from validation.fault_matrix.outcome import AIM_S, Outcome
 
@@ -44,7 +45,8 @@ def write_into_docs(outcomes: Sequence[Outcome], file: Path = DOCS) -> None:
     _, ends, behind = rest.partition(END)
     if not begins or not ends:
         raise ReportError(f"{file} has no place for the table: {BEGIN} ... {END}")
-    file.write_text(f"{before}{BEGIN}\n{markdown(outcomes)}\n{END}{behind}", encoding="utf-8")
+    with whole_file(file) as new:
+        new.write(f"{before}{BEGIN}\n{markdown(outcomes)}\n{END}{behind}".encode())
 
 
 def _summary(outcomes: Sequence[Outcome]) -> str:

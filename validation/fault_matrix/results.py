@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from companion.mapping.files.whole import whole_file
 from validation.fault_matrix.injection import Final
 from validation.fault_matrix.outcome import Outcome
 
@@ -24,9 +25,8 @@ def write_whole(file: Path | None, results: list[dict[str, Any]]) -> None:
     """Whole or not at all, whenever it is broken off."""
     if file is None:
         return
-    part = file.with_name(file.name + ".part")
-    part.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
-    part.replace(file)
+    with whole_file(file) as new:
+        new.write((json.dumps(results, indent=2) + "\n").encode())
 
 
 def read(file: Path) -> dict[tuple[str, str], Outcome]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import dataclasses
 import os
 import shutil
@@ -13,6 +12,7 @@ import time
 from pathlib import Path
 
 from companion.config.settings import Settings
+from companion.gate.runtime import processes
 from sitl.launch.program import CrewError
 from validation.fault_matrix.faults import BY_NAME
 from validation.fault_matrix.injection import Injection
@@ -23,8 +23,6 @@ from validation.fault_matrix.stand import Stand, StubStand
 ATTEMPTS = 3
 """A flight that shows nothing, on a computer that is busy with others, is flown once more."""
 
-PR_SET_PDEATHSIG = 1
-
 
 class StoodStillError(SceneError):
     """The computer did not run the gate, the autopilot or the wires: what followed says nothing of the gate."""
@@ -33,7 +31,7 @@ class StoodStillError(SceneError):
 def end_with_parent() -> None:
     """However this process ends, or the one that started it: the processes of a flight end with it."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, int(signal.SIGTERM))
+    processes.end_with_parent(signal.SIGTERM)
 
 
 def fly_in_pool(name: str, personality: str, parent: Path | None) -> Outcome:

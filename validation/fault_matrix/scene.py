@@ -30,7 +30,7 @@ from sitl.launch.processes import (
     with_odometry,
     write_settings,
 )
-from sitl.launch.program import Ports, Program, Running
+from sitl.launch.program import Ports, Program, Running, tied
 from tests.integration.relay import UdpRelay
 from tests.integration.witness import Witness, speed_mps
 from validation.fault_matrix.corridor import LENGTH_M, corridor
@@ -282,6 +282,7 @@ def _gate(
             cwd=ROOT,
             pass_fds=(first, again, plan_fd),
             start_new_session=True,
+            preexec_fn=tied(),
         )
     for number in (first, again, plan_fd):
         os.close(number)

@@ -103,6 +103,7 @@ class Flying:
             self.telemetry,
             cast("MapClient", SimpleNamespace(status=SimpleNamespace(completeness=0.5, frontiers=3, problem=""))),
             self.flight,
+            self.sink.warnings,
         )
         self.control_loop = ControlLoop(
             Synchronizer(self.sink, self.telemetry.poses),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from companion.cli.maps.sources import refuse_target, write_errors
 from companion.config.mapping import MapSettings
 from companion.errors import InputError
 from companion.mapping.files import FORMATS, write
+from companion.mapping.files.whole import workshop
 from companion.mapping.journal import JOURNAL_SUFFIX, Header, Journal
 from companion.mapping.journal.paging import PagedMap
 from companion.mapping.process.journaled_map import BYTES_PER_MB
@@ -60,7 +60,7 @@ def build_map(
     with ExitStack() as stack:
         stack.enter_context(write_errors(out))
         stack.enter_context(of_the_extra("companion map build"))
-        room = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent)))
+        room = stack.enter_context(workshop(out))
         chunks = _build(readings, room / "map", out)
     for note in readings.notes():
         typer.echo(f"{source}: {note}", err=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -18,6 +17,7 @@ from companion.config.mapping import MapSettings
 from companion.errors import InputError
 from companion.mapping.files import PointCloudFile, is_point_cloud, write
 from companion.mapping.files.merge import IndexedMap, MergedMap
+from companion.mapping.files.whole import workshop
 from companion.mapping.journal import JOURNAL_SUFFIX, Header, Journal
 from companion.mapping.voxels.piece import MapSource
 
@@ -50,7 +50,7 @@ def merge_maps(sources: list[Path], out: Path, clouds: CloudOptions, *, overwrit
         maps = {str(path): found[path] for path in sources}
         header = common_header(maps)
         stack.enter_context(write_errors(out))
-        room = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent)))
+        room = stack.enter_context(workshop(out))
         indexed = [
             stack.enter_context(_indexed(source, header, room / str(number), name))
             for number, (name, source) in enumerate(maps.items())

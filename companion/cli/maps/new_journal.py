@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from companion.errors import InputError
+from companion.mapping.files.whole import exchange
 from companion.mapping.journal import JOURNAL_SUFFIX, Journal, JournalError
 from companion.mapping.journal.recovery import lock
 
@@ -34,13 +35,7 @@ def put_in_place(folder: Path, out: Path) -> None:
         folder.replace(out)
         return
     held = lock(out)
-    old = folder.with_name("old")
     try:
-        out.replace(old)
-        try:
-            folder.replace(out)
-        except BaseException:
-            old.replace(out)
-            raise
+        exchange(folder, out)
     finally:
         os.close(held)

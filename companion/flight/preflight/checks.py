@@ -29,6 +29,8 @@ from companion.sensors.statistics import StreamStatistics
 
 HEARTBEAT_AGE_S = 2.5
 """Two heartbeats may be lost on a link that will do."""
+SEVERAL_HZ = 1.75
+"""An autopilot sends one heartbeat a second, and one more when its mode changes."""
 RATE_SHARE = 0.6
 """Of a rate that was asked for: less is not the jitter of a link but a stream that is not what it should be."""
 STANDING_M = 1.0
@@ -60,6 +62,7 @@ async def run_checks(
     skip: Collection[str] = (),
     height_m: float | None = None,
     clock: Clock | None = None,
+    link_problem: str = "",
 ) -> list[CheckResult]:
     """Look at everything that a flight needs. A check that fails is a result, not an error.
 
@@ -72,6 +75,7 @@ async def run_checks(
         skip: names of checks that are not made.
         height_m: the measured height above ground, None when it is not known.
         clock: what time it is; by default that of this computer.
+        link_problem: what the gate says is wrong with the link; empty: nothing.
 
     Raises:
         InputError: ``skip`` names a check that does not exist.
@@ -83,7 +87,7 @@ async def run_checks(
     now_s = clock.now_s()
     state = telemetry.state(now_s)
     results = [
-        *_connection(link, state, settings, now_s),
+        *_connection(link, state, settings, now_s, link_problem),
         clock_result,
         *_sensors(inputs, settings),
         _height(height_m, settings),
@@ -116,21 +120,34 @@ def _skipped(name: str) -> CheckResult:
     return CheckResult(name, False, "skipped", "", "", skipped=True)
 
 
-def _connection(link: Link, state: VehicleState, settings: Settings, now_s: float) -> Iterator[CheckResult]:
+def _connection(
+    link: Link, state: VehicleState, settings: Settings, now_s: float, link_problem: str
+) -> Iterator[CheckResult]:
+    ok = state.heartbeat_age_s <= HEARTBEAT_AGE_S and not link_problem
     yield CheckResult(
         "link",
-        state.heartbeat_age_s <= HEARTBEAT_AGE_S,
-        f"last heartbeat {age(state.heartbeat_age_s)}",
-        f"not older than {HEARTBEAT_AGE_S:g} s",
-        "Heartbeats come once a second; a link that loses three in a row is not one to fly on.",
-        "" if state.heartbeat_age_s <= HEARTBEAT_AGE_S else "look at cable, radio and autopilot.url",
+        ok,
+        f"last heartbeat {age(state.heartbeat_age_s)}" + (f"; {link_problem}" if link_problem else ""),
+        f"not older than {HEARTBEAT_AGE_S:g} s, and nothing wrong",
+        "Heartbeats come once a second; a link that loses three in a row is not one to fly on. Of two vehicles of one "
+        "number nobody knows which would be armed.",
+        "" if ok else "mend what the gate names" if link_problem else "look at cable, radio and autopilot.url",
     )
+    heartbeats_hz = link.watch("HEARTBEAT").rate_hz(now_s)
+    several = heartbeats_hz >= SEVERAL_HZ
+    found = f"{link.kind.value} {state.version or 'of unknown version'}, system {link.system_id}"
+    if several:
+        found += f"; {heartbeats_hz:g} heartbeats of it a second: two senders call themselves that"
     yield CheckResult(
         "autopilot",
-        True,
-        f"{link.kind.value} {state.version or 'of unknown version'}, system {link.system_id}",
-        "px4 or ardupilot",
-        "What is expected of an autopilot was measured on PX4 main of August 2025 and ArduCopter 4.7-dev.",
+        not several,
+        found,
+        "px4 or ardupilot, one of that number",
+        "What is expected of an autopilot was measured on PX4 main of August 2025 and ArduCopter 4.7-dev. Of two with "
+        "one number nobody knows which would be armed, and whose position that is.",
+        "give each vehicle a system id of its own (MAV_SYS_ID, SYSID_THISMAV), or end the second way to the same one"
+        if several
+        else "",
     )
     for name, message, asked_hz in (
         ("attitude", "ATTITUDE", settings.autopilot.attitude_hz),

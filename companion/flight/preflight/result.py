@@ -72,4 +72,4 @@ def refusal(results: Sequence[CheckResult]) -> str | None:
         return None
     what = "; ".join(f"{result.name}: {result.found}, wanted {result.wanted}" for result in failed)
     checks = "a pre-flight check" if len(failed) == 1 else f"{len(failed)} pre-flight checks"
-    return f"not armed: {checks} failed: {what}. `companion check` says why; --fix sets parameters, --skip NAME skips"
+    return f"not armed: {checks} failed: {what}. What to do stands above; --fix sets parameters, --skip NAME skips"

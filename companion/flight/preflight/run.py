@@ -40,6 +40,8 @@ async def checked(session: Session, request: FlightRequest, events: EventEmitter
         events.emit(Event.CONNECTED)
         await until_ready(session.link, session.telemetry, settings.autopilot, clock, events)
         await clock.sleep(SETTLE_S)
+        for text in session.sink.warnings():
+            events.emit(Event.SENSOR_WARNING, text=text)
         return await run_checks(
             session.link,
             session.telemetry,
@@ -49,4 +51,5 @@ async def checked(session: Session, request: FlightRequest, events: EventEmitter
             skip=(*settings.mission.skip_checks, *request.skip),
             height_m=control_loop.measured_height_m(),
             clock=clock,
+            link_problem=session.gate.link_problem,
         )

@@ -15,6 +15,7 @@ from collections.abc import Callable
 from companion.gate.allowlist import SETPOINTS
 from companion.gate.gate import Gate
 from companion.gate.plan import CYCLE_S, Attached, Plan
+from companion.gate.protocol import LINK, Notice
 from companion.gate.runtime.framing import batches
 from companion.gate.runtime.log import Log
 from companion.gate.runtime.signals import Signals
@@ -161,7 +162,7 @@ class Loop:
                     self._pass_down(frame, before_s)
 
     def close(self) -> None:
-        """Say what was counted, and wait for nothing more."""
+        """Say what was counted and what is wrong with the link, and wait for nothing more."""
         self._selector.close()
         counts = {**self._gate.counts, "not signed": self.unsigned, "setpoint too old": self.stale}
         for url, transport in [
@@ -175,6 +176,9 @@ class Loop:
                 f"{url}: refused": transport.reader.refused,
             }
         self._log.say("; ".join(f"{what}: {number}" for what, number in counts.items() if number) or "nothing refused")
+        if self._autopilot.problem:
+            # The last word: who was not connected seeks the cause in the last line.
+            self._log.say(f"{self._plan.autopilot_url}: {self._autopilot.problem}")
 
     def _from_application(self, now_s: float) -> None:
         for frame in self._supervisor.receive(now_s):
@@ -271,6 +275,8 @@ class Loop:
         self._problems[number] = transport.problem
         url = self._plan.autopilot_url if number == 0 else self._attached[number - 1][0].url
         self._log.say(f"{url}: {transport.problem or 'open'}")
+        if number == 0 and self._supervisor.child is not None:
+            self._supervisor.child.notify(Notice(self._gate.stage, None, f"{LINK} {transport.problem}"))
 
     def _tell_service(self) -> None:
         if not self._is_ready and self._autopilot.fileno() is not None:

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 _PROC = Path("/proc")
+_SET_PDEATHSIG = 1
 _SET_CHILD_SUBREAPER = 36
 _RESET = (signal.SIGPIPE, signal.SIGXFSZ)
 """Ignored by Python; other programs expect their death by them."""
@@ -39,6 +40,14 @@ def take_precedence() -> str:
 def adopt_orphans() -> None:
     """Whoever loses its parent below us becomes ours, so that the children of a killed process can be found."""
     ctypes.CDLL(None).prctl(_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+
+
+def end_with_parent(number: signal.Signals | None) -> None:
+    """Have the kernel send this process a signal when the one that started it has ended; None: no more.
+
+    It is the end of the thread that counts: who starts processes in a thread that ends before must not use it.
+    """
+    ctypes.CDLL(None).prctl(_SET_PDEATHSIG, number or 0, 0, 0, 0)
 
 
 def spawn(command: Sequence[str], environment: Mapping[str, str], inherit: Sequence[int], nice: int) -> int:

@@ -1,28 +1,22 @@
-"""Links that are streams of bytes: TCP and serial ports."""
+"""Links that are streams of bytes: whatever is opened, and TCP."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import os
 import socket
-import termios
 from typing import Protocol
 
-import serial
-
 from companion.gate.runtime.framing import Accept, FrameReader, FrameWriter, Reconnect
-from companion.mavlink.codec import LONGEST_FRAME, Frame
+from companion.mavlink.codec import Frame
 
 READ_BYTES = 4096
 SILENT_MS = 5000
 """A TCP connection in which nothing was acknowledged for this long is over."""
 SYN_RETRIES = 2
 """A connection that is not answered is given up after 7 s, and asked for anew."""
-WAITING_S = 0.1
-"""What a slow serial line could send in this time may wait in it: older setpoints would be no setpoints."""
-BITS_PER_BYTE = 10
+CLOSED = "closed by the other end"
 
 
 class Line(Protocol):
@@ -42,6 +36,8 @@ class Opener(Protocol):
 
     most_waiting: int
     """Bytes that may wait in a stream before nothing more is given to it."""
+    lost: str
+    """What it means when a stream has ended, in words."""
 
     def fileno(self) -> int | None:
         """What becomes readable when somebody may be let in; None: nobody comes."""
@@ -96,7 +92,7 @@ class StreamTransport:
             # A descriptor of the same number must not be taken for this one: the next is opened later.
             self._line.close()
             self._line = None
-            self.problem = "closed by the other end"
+            self.problem = self._opener.lost
             self._reconnect.failed(now_s)
         return self.reader.frames(data)
 
@@ -147,6 +143,7 @@ class TcpIn:
 
     def __init__(self, local: tuple[str, int], most_waiting: int) -> None:
         self.most_waiting = most_waiting
+        self.lost = CLOSED
         self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         try:
             self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -184,6 +181,7 @@ class TcpOut:
 
     def __init__(self, remote: tuple[str, int], most_waiting: int) -> None:
         self.most_waiting = most_waiting
+        self.lost = CLOSED
         self._remote = remote
         self._pending: socket.socket | None = None
 
@@ -217,51 +215,3 @@ def _prepared(stream: socket.socket) -> socket.socket:
     stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, SILENT_MS)
     return stream
-
-
-class SerialPort:
-    """Opens one port, for us alone; as often as it is plugged in.
-
-    Args:
-        device: its path.
-        baud: bits per second.
-    """
-
-    def __init__(self, device: str, baud: int) -> None:
-        self.most_waiting = max(LONGEST_FRAME, int(baud / BITS_PER_BYTE * WAITING_S))
-        self._device = device
-        self._baud = baud
-
-    def fileno(self) -> int | None:
-        """See `Opener`."""
-        return None
-
-    def open(self) -> Line | None:
-        """See `Opener`."""
-        try:
-            return _OpenPort(serial.Serial(self._device, self._baud, timeout=0, write_timeout=0, exclusive=True))
-        except (termios.error, ValueError) as error:
-            raise OSError(f"{self._device}: {error}") from error
-
-    def close(self) -> None:
-        """See `Opener`."""
-
-
-class _OpenPort:
-    def __init__(self, port: serial.Serial) -> None:
-        self._port = port
-        # Programs that do not ask for the lock cannot open it either, root's excepted.
-        fcntl.ioctl(port.fileno(), termios.TIOCEXCL)
-        # USB adapters keep bytes for 16 ms otherwise; not every port knows of it.
-        with contextlib.suppress(ValueError, NotImplementedError):
-            port.set_low_latency_mode(True)
-
-    def fileno(self) -> int:
-        found: int = self._port.fileno()
-        return found
-
-    def close(self) -> None:
-        # What was not sent is old by now; to wait for it would stop everything else.
-        with contextlib.suppress(OSError, termios.error):
-            self._port.reset_output_buffer()
-        self._port.close()

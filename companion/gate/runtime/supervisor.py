@@ -67,6 +67,7 @@ class Supervisor:
             OSError: it cannot be started.
         """
         self._starts += 1
+        self._told = ""
         command = self._plan.command if self._starts == 1 else self._plan.restart_command
         self._killed = ""
         self._goodbye_s = None
@@ -158,11 +159,12 @@ class Supervisor:
         if not stops and not self._gate.carries_odometry:
             self.exit_code = self._goodbye_code
         elif stops:
-            self._wait(
-                f"it stops the vehicle ({self._gate.stage.name.lower()}): until that has landed, or a pilot has it"
-            )
+            self._wait_for_the_vehicle()
         else:
             self._wait("the vehicle flies by odometry that passes through it: until that has landed")
+
+    def _wait_for_the_vehicle(self) -> None:
+        self._wait(f"it stops the vehicle ({self._gate.stage.name.lower()}): until that has landed, or a pilot has it")
 
     def _wait(self, why: str) -> None:
         if why != self._told:
@@ -193,8 +195,12 @@ class Supervisor:
         elif gone:
             self._log.say(f"the autopilot has been silent for {autopilot_silent_s:.0f} s: the gate ends")
             self.exit_code = EXIT_FAILED
-        elif self._asked and not self._gate.airborne:
+        elif self._gate.airborne:
+            self._wait_for_the_vehicle()
+        elif self._asked:
             self.exit_code = EXIT_FAILED
+        else:
+            self._wait("the vehicle is armed: until somebody disarms it")
 
     def _start_again(self, now_s: float) -> None:
         # Nothing flies now.

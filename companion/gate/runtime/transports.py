@@ -7,7 +7,8 @@ from typing import Protocol
 
 from companion.errors import InputError
 from companion.gate.runtime.framing import Accept, FrameReader
-from companion.gate.runtime.streams import SerialPort, StreamTransport, TcpIn, TcpOut
+from companion.gate.runtime.serial_port import SerialPort
+from companion.gate.runtime.streams import StreamTransport, TcpIn, TcpOut
 from companion.gate.runtime.udp import UdpIn, UdpOut
 from companion.mavlink.codec import Frame
 from companion.mavlink.link_url import NetworkLink, SerialLink, parse_link
@@ -23,7 +24,7 @@ class Transport(Protocol):
     Attributes:
         unsent: messages that could not be sent.
         strangers: datagrams of others.
-        problem: why it is not open, in words; empty: it is, or still tries.
+        problem: why it is not open, or who else is there, in words; empty: all is well, or it still tries.
         reader: counts what came and was no message, or not welcome.
     """
 

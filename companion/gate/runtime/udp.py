@@ -20,6 +20,8 @@ BUFFER_BYTES = 65536
 second can wait, and no more: the rest is lost, not late."""
 PEER_SILENT_S = 3.0
 """One who was silent for this long may be followed by another at another address."""
+RIVAL_SILENT_S = 10.0
+"""One who called itself the autopilot too, and was silent for this long, is gone."""
 HEARTBEAT = 0
 
 
@@ -113,7 +115,8 @@ class UdpIn:
         self.reader = FrameReader(accept, datagram=True)
         self._system_id = system_id
         self._peer: Address | None = None
-        self._heard_s = -math.inf
+        self._heard_s = self._rival_s = -math.inf
+        self._strange = FrameReader(accept, datagram=True)
         self._socket = datagram_socket(BUFFER_BYTES)
         try:
             self._socket.bind(local)
@@ -139,6 +142,7 @@ class UdpIn:
                 found += self._heard(data, sender, now_s)
             else:
                 self.strangers += 1
+                self._look_for_a_rival(data, sender, now_s)
         return found
 
     def send(self, raw: bytes) -> None:
@@ -152,6 +156,8 @@ class UdpIn:
 
     def tick(self, now_s: float) -> None:
         """See `Transport`."""
+        if self.problem and now_s - self._rival_s > RIVAL_SILENT_S:
+            self.problem = ""
 
     def close(self) -> None:
         """See `Transport`."""
@@ -170,12 +176,26 @@ class UdpIn:
             self._heard_s = now_s
         return frames
 
+    def _look_for_a_rival(self, data: bytes, sender: Address, now_s: float) -> None:
+        """Whether a stranger says that it is the autopilot too: which of the two was heard first is chance."""
+        if self._system_id is not None and any(map(self._is_wanted, self._strange.frames(data))):
+            self._rival_s = now_s
+            # One that goes through many addresses, such as a restarted program, is told once.
+            self.problem = self.problem or (
+                f"two senders call themselves system {self._system_id} component 1: {_text(self._peer)} is heard, "
+                f"{_text(sender)} is not. Give each vehicle an id of its own, or end the second way to the same one"
+            )
+
     def _is_wanted(self, frame: Frame) -> bool:
         return self._system_id is None or (frame.message_id, frame.system_id, frame.component_id) == (
             HEARTBEAT,
             self._system_id,
             MavComponent.AUTOPILOT1,
         )
+
+
+def _text(address: Address | None) -> str:
+    return "nobody" if address is None else f"{address[0]}:{address[1]}"
 
 
 def datagram_socket(buffer_bytes: int) -> socket.socket:

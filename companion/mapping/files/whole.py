@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import ctypes
+import errno
 import fcntl
 import glob
 import os
 import secrets
+import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO, Self
 
@@ -16,6 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.mapping.journal.segment import sync_folder
+
+_WORKSHOP, _ASIDE = ".unfinished", ".aside"
+_HERE, _EXCHANGE = -100, 2
+"""AT_FDCWD and RENAME_EXCHANGE of renameat2."""
 
 
 @contextmanager
@@ -61,6 +68,69 @@ def _sweep(path: Path) -> None:
         with suppress(OSError), left.open("rb") as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             left.unlink()
+
+
+@contextmanager
+def workshop(path: Path) -> Iterator[Path]:
+    """A folder beside ``path`` for what is not whole yet; it goes away at the end.
+
+    What a process left there when it was killed goes away with the next one, but for what it had taken from its place.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    for left in path.parent.glob(f".{glob.escape(path.name)}.*{_WORKSHOP}"):
+        if not any(left.glob(f"*{_ASIDE}")):
+            with suppress(OSError), _locked(left):
+                shutil.rmtree(left)
+    with ExitStack() as stack:
+        while True:
+            room = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=_WORKSHOP, dir=path.parent))
+            stack.callback(shutil.rmtree, room, ignore_errors=True)
+            with suppress(FileNotFoundError):
+                # Another one may have swept it away before it was locked.
+                stack.enter_context(_locked(room))
+                if room.exists():
+                    break
+        yield room
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Hold a folder. The lock ends with the process, by which others know that it lives.
+
+    Raises:
+        OSError: somebody else holds it.
+    """
+    held = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    finally:
+        os.close(held)
+
+
+def exchange(new: Path, old: Path) -> None:
+    """Let two folders or files change places, at once: whoever is killed leaves one of them or the other.
+
+    Where the file system cannot, one goes after the other.
+
+    Raises:
+        OSError: it cannot be done; everything is where it was.
+    """
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.renameat2(_HERE, os.fsencode(new), _HERE, os.fsencode(old), _EXCHANGE) == 0:
+        return
+    if (number := ctypes.get_errno()) not in (errno.EINVAL, errno.ENOSYS):
+        raise OSError(number, os.strerror(number), str(old))
+    aside = new.with_name(f"{new.name}{_ASIDE}")
+    old.replace(aside)
+    try:
+        new.replace(old)
+    except BaseException:
+        aside.replace(old)
+        raise
+    aside.replace(new)
 
 
 class Spool:

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import asyncio
 import os
+import signal
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnContext
 from pathlib import Path
 
 from companion.errors import CompanionError
+from companion.gate.runtime.processes import end_with_parent
 from companion.mapping.journal import JOURNAL_NAME, Journal
 from companion.mapping.process.messages import MapError
 from companion.mapping.process.supervisor import FILES_NICENESS, ignore_ctrl_c, start
@@ -62,6 +64,8 @@ async def write_files(context: SpawnContext, folder: Path) -> list[Path]:
 
 def _serve(pipe: Connection[Written, None], folder: Path) -> None:
     ignore_ctrl_c()
+    # Nobody hears any more what it has written; each file is whole or not there.
+    end_with_parent(signal.SIGKILL)
     os.nice(FILES_NICENESS)
     pipe.send(_written(folder))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import os
+import signal
 import tempfile
 import time
 from collections import deque
@@ -18,6 +19,7 @@ import numpy as np
 
 from companion.config.mapping import MapSettings
 from companion.errors import CompanionError
+from companion.gate.runtime.processes import end_with_parent
 from companion.mapping.frontiers.frontier import Judge, Reach, Survey
 from companion.mapping.frontiers.surveyor import Surveyor
 from companion.mapping.process.journaled_map import JournaledMap
@@ -81,10 +83,14 @@ def serve(
     # When the application is gone the map is still kept.
     with voxels, suppress(EOFError, BrokenPipeError, ConnectionResetError):
         try:
+            # What compiles looks at no pipe, for a minute; from then on the pipe says that the application is gone, and
+            # the last second is still kept.
+            end_with_parent(signal.SIGTERM)
             compile_ahead(settings, cameras, reach, lambda what: pipe.send(Preparing(what)))
         except (OSError, CompanionError) as error:
             # A full disk must not keep the map from being started again in flight.
             _log.warning("nothing of the map is compiled ahead, the first images may be late: %s", error)
+        end_with_parent(None)
         server = MapServer(pipe, rings, voxels, reach)
         pipe.send(Ready(voxels.chunks))
         while server.turn():

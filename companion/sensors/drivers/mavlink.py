@@ -21,6 +21,7 @@ from companion.errors import InputError
 from companion.frames import bearing_from_frd
 from companion.mavlink.ids import MavCmd, MavFrame
 from companion.model import Beam, RangeReading
+from companion.sensors.drivers.choice import Choice, Wanted
 from companion.sensors.drivers.driver import DriverContext
 from companion.sensors.sink import PLANAR, RawPlanar, SensorSink
 
@@ -42,7 +43,6 @@ TOUCHING_M = 0.01
 """0 in OBSTACLE_DISTANCE is an obstacle that touches; a planar scan of ours means by it that nothing was measured."""
 
 MALFORMED, REPEATED, WRONG_FRAME = "malformed message", "repeated or out of order", "bearings not from the heading"
-ANOTHER = "from another sensor that looks the same way: the first one that measured is believed"
 
 SILENT_S, ASK_AGAIN_S = 2.0, 5.0
 """What has not come for the first is asked for, with the second between questions: the autopilot may have rebooted."""
@@ -67,7 +67,12 @@ def create(settings: Settings, context: DriverContext) -> MavlinkDriver:
     rates_hz = {DISTANCE: settings.sensors.beams.rate_hz}
     if planar.enabled:
         rates_hz[OBSTACLES] = planar.rate_hz
-    return MavlinkDriver(context.link, context.clock, rates_hz)
+    chosen = settings.sensors.mavlink
+    wanted = {
+        Beam.DOWN: Wanted(chosen.down_component, chosen.down_id),
+        Beam.UP: Wanted(chosen.up_component, chosen.up_id),
+    }
+    return MavlinkDriver(context.link, context.clock, rates_hz, wanted)
 
 
 class MavlinkDriver:
@@ -75,11 +80,14 @@ class MavlinkDriver:
 
     Args:
         rates_hz: wanted rate of each message that is to be taken, by its name.
+        wanted: which sensor is believed for a direction, where several look there.
     """
 
     name = "mavlink"
 
-    def __init__(self, link: Link, clock: Clock, rates_hz: Mapping[str, float]) -> None:
+    def __init__(
+        self, link: Link, clock: Clock, rates_hz: Mapping[str, float], wanted: Mapping[Beam, Wanted] | None = None
+    ) -> None:
         self._link = link
         self._clock = clock
         self._rates_hz = rates_hz
@@ -87,7 +95,7 @@ class MavlinkDriver:
         self._subscribed = False
         self._arrived_s = dict.fromkeys(rates_hz, -math.inf)
         self._answers: dict[str, str] = {}
-        self._believed: dict[Beam, tuple[int, float | None]] = {}
+        self._choice = Choice(wanted or {})
         self._senders: dict[tuple[object, ...], tuple[float, float]] = {}  # stamp in ms, arrival
 
     async def run(self, sink: SensorSink) -> None:
@@ -148,21 +156,15 @@ class MavlinkDriver:
         # Beyond its range a sensor measures nothing, and 65535 is what many say then.
         in_range = least_cm <= now_cm <= most_cm and 0.0 < now_cm < UNKNOWN_CM
         measured = in_range and _number(fields, "signal_quality") != INVALID_SIGNAL
-        if not self._is_the_one(message, beam, measured):
-            sink.drop(beam.value, ANOTHER)
+        sender = (message.component_id, int(_number(fields, "id") or 0))
+        why_not = self._choice.against(beam, sender, measured=measured)
+        if measured and (told := self._choice.contradiction(beam, sender, now_cm / 100.0, message.received_s)):
+            sink.warn(told)
+        if why_not:
+            sink.drop(beam.value, why_not)
             return
         range_m = now_cm / 100.0 if measured else None
         sink.ranges([RangeReading(beam, message.received_s, range_m, most_cm / 100.0)])
-
-    def _is_the_one(self, message: Message, beam: Beam, measured: bool) -> bool:
-        """Whether that is the sensor that is believed for its direction: the first one that has measured something.
-
-        Two that look the same way and see different things would make the height jump with every other message.
-        """
-        sender = (message.component_id, _number(message.fields, "id"))
-        if measured:
-            self._believed.setdefault(beam, sender)
-        return self._believed.get(beam, sender) == sender
 
     def _take_obstacles(self, message: Message, sink: SensorSink) -> None:
         fields = message.fields

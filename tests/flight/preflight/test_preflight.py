@@ -111,6 +111,8 @@ class Bench:
         self.flags = 511 if kind is PX4 else 0x33F
         self.seconds = 3.0
         self.streams = True
+        self.heartbeat_every = 50
+        self.link_problem = ""
         self.mode = 0x03040000 if kind is PX4 else 4
 
     def listen(self) -> None:
@@ -125,8 +127,9 @@ class Bench:
             for question in questions[answered:]:
                 self.link.deliver("TIMESYNC", {"tc1": int(now_ms * 1e6), "ts1": question["ts1"]})
             answered = len(questions)
-            if i % 50 == 0:
+            if i % self.heartbeat_every == 0:
                 self.link.deliver("HEARTBEAT", {"custom_mode": self.mode, "base_mode": 128 if self.armed else 0})
+            if i % 50 == 0:
                 self.link.deliver("SYS_STATUS", {"battery_remaining": self.battery, **self.prearm})
                 if not self.settings.autopilot.gps:
                     self.link.deliver("GPS_GLOBAL_ORIGIN", {"latitude": 1, "longitude": 1, "altitude": 0})
@@ -149,12 +152,27 @@ class Bench:
             skip=skip,
             height_m=self.height_m,
             clock=self.clock,
+            link_problem=self.link_problem,
         )
         self.results = results
         return {result.name: result for result in results}
 
     async def failures(self, **options: Any) -> list[str]:
         return [result.name for result in (await self.check(**options)).values() if result.failed]
+
+
+@pytest.mark.parametrize("by_gate", [True, False])
+async def test_two_who_call_themselves_our_autopilot_do_not_fly(by_gate: bool, tmp_path: Path) -> None:
+    """Protects from arming another vehicle: seen by the gate at two addresses, or here as heartbeats twice as often."""
+    bench = Bench(PX4, tmp_path)
+    if by_gate:
+        bench.link_problem = "two senders call themselves system 1 component 1"
+    else:
+        bench.heartbeat_every = 25
+    found = (await bench.check())["link" if by_gate else "autopilot"]
+    assert found.failed
+    assert "two senders call themselves" in found.found
+    assert found.fix
 
 
 async def test_why_readings_are_refused_is_told_where_they_are_missed(tmp_path: Path) -> None:

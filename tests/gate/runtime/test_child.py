@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import TypeVar
 
 import pytest
@@ -233,3 +234,39 @@ def test_children_are_found_and_orphans_adopted() -> None:
     ctypes.CDLL(None).prctl(36, 0, 0, 0, 0)
     with started("time.sleep(60)") as child:
         assert child.pid in processes.children()
+
+
+def test_a_process_ends_with_its_parent_as_long_as_that_is_wanted() -> None:
+    """Protects the computer from what a killed process had started, and the last second of a map."""
+    script = """
+import os, signal, subprocess, sys, time
+child = "import signal, sys, time; from companion.gate.runtime.processes import end_with_parent as end; "
+child += "end(signal.SIGTERM); {} print('up', flush=True); time.sleep(60)"
+for more in ("", "end(None);"):
+    one = subprocess.Popen([sys.executable, "-c", child.format(more)], stdout=subprocess.PIPE)
+    one.stdout.readline()
+    print(one.pid, flush=True)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    said = subprocess.run([sys.executable, "-c", script], stdout=subprocess.PIPE, check=False).stdout
+    tied, free = map(int, said.split())
+    try:
+        wait_until(lambda: not _runs(tied), "it was told that its parent has ended")
+        assert _runs(free)
+    finally:
+        os.kill(free, signal.SIGKILL)
+
+
+def test_the_kernel_has_what_it_was_told() -> None:
+    told = ctypes.c_int(-1)
+    for number in (signal.SIGTERM, None):
+        processes.end_with_parent(number)
+        ctypes.CDLL(None).prctl(2, ctypes.byref(told), 0, 0, 0)
+        assert told.value == (number or 0)
+
+
+def _runs(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import pytest
 
+from companion.gate.faults import Stage
 from companion.gate.gate import Gate
 from companion.gate.protocol import Goodbye
 from companion.gate.runtime import processes, supervisor
@@ -80,7 +81,9 @@ def test_one_that_died_is_told_and_started_again_when_the_vehicle_is_disarmed() 
         rig.offset_s += LOOK_S + 0.1
         rig.turn_until(lambda: rig.supervisor.child)
         assert rig.supervisor.child is not dead
-        assert "was ended by signal 9 (Killed)" in rig.words()
+        words = rig.words()
+        assert "was ended by signal 9 (Killed)" in words
+        assert words.count("the gate stays, since the vehicle is armed: until somebody disarms it") == 1
         # It has another socket, and is heard and spoken to over it.
         rig.beats.clear()
         rig.up()
@@ -203,4 +206,27 @@ def test_the_gate_stays_while_it_stops_the_vehicle(monkeypatch: pytest.MonkeyPat
         rig.turn_for(0.05)
         assert rig.supervisor.exit_code is None
         monkeypatch.setattr(Gate, "airborne", False)
+        assert rig.loop.run() == 1
+
+
+def test_a_gate_that_is_asked_to_end_says_that_it_waits_for_the_vehicle(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protects whoever presses Ctrl-C again and again: what is waited for, and what ends it, is said each time."""
+    monkeypatch.setattr(Gate, "airborne", True)
+    monkeypatch.setattr(Gate, "armed", True)
+    monkeypatch.setattr(Gate, "stage", Stage.LAND)
+    with rigged() as rig:
+        rig.up()
+        rig.do("os.kill(os.getpid(), 9)")
+        rig.has_died()
+        for asked in (1, 2):
+            rig.supervisor.request_end(None)
+            rig.offset_s += REST_S + LOOK_S
+            rig.loop.turn()
+            rig.say(ATTITUDE)
+            rig.turn_until(lambda: rig.now_s() - rig.loop._heard_s < 1.0)
+            rig.turn_for(0.05)
+            assert rig.supervisor.exit_code is None
+            assert rig.words().count("the gate stays, since it stops the vehicle") == 1, asked
+        monkeypatch.setattr(Gate, "airborne", False)
+        rig.offset_s += LOOK_S
         assert rig.loop.run() == 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import socket
 import time
@@ -16,10 +17,11 @@ from companion.gate.runtime import main as process
 from companion.gate.runtime.child import MOST_PACKETS
 from companion.gate.runtime.loop import STALLED_S, Loop
 from companion.gate.runtime.transports import open_transport
+from companion.gate.runtime.udp import RIVAL_SILENT_S
 from companion.mavlink.codec import Frame, Framer
 from companion.mavlink.signing import Signer
 from tests.gate.built import command, frame, setpoint
-from tests.gate.runtime.rig import ATTITUDE, HEARTBEAT, HOST, received, rigged
+from tests.gate.runtime.rig import ATTITUDE, HEARTBEAT, HOST, bound, received, rigged
 
 
 def test_setpoints_that_waited_while_the_gate_was_stopped_are_not_sent() -> None:
@@ -92,6 +94,42 @@ def test_a_flood_of_the_application_does_not_delay_the_cycle(monkeypatch: pytest
             # Whatever came in, a cycle that was due is done in the same turn.
             assert cycles == 1 or not due
         assert 0 < most <= MOST_PACKETS
+
+
+def test_the_application_hears_what_is_wrong_with_the_link() -> None:
+    """Protects a check that has to refuse: what only the gate sees is told to who decides; and that it is over."""
+    with rigged() as rig, bound() as rival:
+        rig.up()
+        for said in (b"link: two senders", b"link: "):
+            rig.do("words = b''\nwhile b'link: ' not in words: words = gate.recv(4096)\nsay(words[:23].hex())")
+            if said == b"link: ":
+                rig.offset_s += RIVAL_SILENT_S + 1.0
+            else:
+                rival.sendto(HEARTBEAT.raw, (HOST, rig.port))
+            rig.turn_until(functools.partial(_last_ends_with, rig.beats, said))
+
+
+def _last_ends_with(beats: list[bytes], said: bytes) -> bool:
+    return beats[-1].endswith(said)
+
+
+def test_a_problem_of_the_link_is_told_when_there_is_no_application() -> None:
+    with rigged() as rig, bound() as rival:
+        rig.up()
+        rig.do("os.kill(os.getpid(), 9)")
+        rig.has_died()
+        rival.sendto(HEARTBEAT.raw, (HOST, rig.port))
+        rig.turn_until(lambda: rig.transport.problem)
+        rig.turn_for(0.05)
+        assert "two senders" in rig.words()
+
+
+def test_what_is_wrong_with_the_link_is_the_last_word() -> None:
+    """Protects whoever reads the last line only: before, it said that nothing was refused."""
+    with rigged() as rig:
+        rig.transport.problem = "there is no /dev/ttyX"
+        rig.loop.close()
+        assert rig.words().splitlines()[-2].endswith(f"gate: {rig.plan.autopilot_url}: there is no /dev/ttyX")
 
 
 def test_a_link_that_is_lost_and_found_is_told_and_followed() -> None:

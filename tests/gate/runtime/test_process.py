@@ -211,7 +211,7 @@ def test_an_autopilot_that_is_gone_is_not_waited_for_for_ever(monkeypatch: pytes
         rig.offset_s += REST_S + LOOK_S
         rig.turn_for(0.05)
         assert rig.supervisor.exit_code is None
-        assert ("the gate stays, since it stops the vehicle (land)" in rig.words()) == last_word
+        assert "the gate stays, since it stops the vehicle (land)" in rig.words()
         rig.offset_s += WAITED_S
         assert rig.loop.run() == (7 if last_word else 1)
         assert "the autopilot has been silent for" in rig.words()

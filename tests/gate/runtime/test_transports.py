@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import pty
 import socket
 import termios
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 import serial
 
 from companion.errors import InputError
+from companion.gate.runtime import serial_port
 from companion.gate.runtime.framing import DATAGRAM_BYTES, RETRY_S, FrameReader, FrameWriter, batches
 from companion.gate.runtime.transports import Transport, open_transport
-from companion.gate.runtime.udp import MOST_FRAMES, PEER_SILENT_S
+from companion.gate.runtime.udp import MOST_FRAMES, PEER_SILENT_S, RIVAL_SILENT_S
 from companion.mavlink.codec import Frame
 from tests.gate.built import frame
 from tests.shared.beside import wait_until
@@ -111,6 +114,37 @@ def test_udpin_answers_the_first_that_beats_and_nobody_else() -> None:
         wait_until(lambda: not transport.receive(PEER_SILENT_S) and transport.strangers == 1)
         transport.send(b"setpoint")
         assert autopilot.recv(100) == b"setpoint"
+
+
+def test_a_second_sender_that_calls_itself_the_autopilot_is_told() -> None:
+    """Protects from flying whichever of two vehicles was heard first; anybody else is only counted."""
+    port = free_port()
+    with opened(f"udpin://{HOST}:{port}") as transport, bound() as autopilot, bound() as other:
+        autopilot.sendto(HEARTBEAT.raw, (HOST, port))
+        assert heard(transport) == [HEARTBEAT]
+        for stranger in (frame("HEARTBEAT", component=191), frame("HEARTBEAT", component=1, system=2)):
+            other.sendto(stranger.raw, (HOST, port))
+        wait_until(lambda: not transport.receive(1.0) and transport.strangers == 2)
+        assert transport.problem == ""
+        for _ in range(2):
+            other.sendto(HEARTBEAT.raw, (HOST, port))
+        wait_until(lambda: not transport.receive(1.0) and transport.strangers == 4)
+        ours, its = (f"{HOST}:{one.getsockname()[1]}" for one in (autopilot, other))
+        assert f"two senders call themselves system 1 component 1: {ours} is heard, {its} is not" in transport.problem
+        transport.tick(1.0 + RIVAL_SILENT_S)
+        assert transport.problem
+        transport.tick(1.1 + RIVAL_SILENT_S)
+        assert transport.problem == ""
+
+
+def test_of_two_who_are_attached_nobody_is_a_rival() -> None:
+    port = free_port()
+    with opened(f"udpin://{HOST}:{port}", None) as transport, bound() as station, bound() as other:
+        station.sendto(HEARTBEAT.raw, (HOST, port))
+        assert heard(transport) == [HEARTBEAT]
+        other.sendto(HEARTBEAT.raw, (HOST, port))
+        wait_until(lambda: not transport.receive(1.0) and transport.strangers == 1)
+        assert transport.problem == ""
 
 
 def test_udpin_follows_an_autopilot_that_comes_back_at_another_address() -> None:
@@ -382,12 +416,13 @@ def test_serial_carries_messages_and_survives_unplugging() -> None:
         wait_until(lambda: os.read(far, 100) == b"setpoint")
         os.close(far)
         wait_until(lambda: transport.receive(5.0) == [] and transport.fileno() is None)
+        assert transport.problem == "nothing can be read any more: was it unplugged?"
         transport.send(b"gone")
         assert transport.unsent == 1
         transport.tick(5.1)
         transport.tick(5.0 + RETRY_S)
         assert transport.fileno() is None
-        assert "could not open port" in transport.problem
+        assert transport.problem.startswith(f"there is no {name}: look at cable and power")
 
 
 def test_a_serial_port_is_ours_alone() -> None:
@@ -396,7 +431,54 @@ def test_a_serial_port_is_ours_alone() -> None:
         assert transport.fileno() is not None
         second.tick(0.0)
         assert second.fileno() is None
-        assert second.problem
+        assert f"{name} is used by another program" in second.problem
+
+
+@pytest.mark.parametrize(
+    ("number", "said"),
+    [
+        (errno.ENOENT, "there is no /dev/ttyX: look at cable and power"),
+        (errno.EACCES, "sudo usermod -aG dialout"),
+        (errno.EBUSY, "/dev/ttyX is used by another program"),
+        (errno.EIO, "/dev/ttyX: "),
+    ],
+)
+def test_what_is_wrong_with_a_port_is_said_with_what_to_do(
+    monkeypatch: pytest.MonkeyPatch, number: int, said: str
+) -> None:
+    """Protects whoever stands at the vehicle with a cable in the hand."""
+
+    def fails(*_: object, **__: object) -> None:
+        raise serial.SerialException(number, os.strerror(number))
+
+    monkeypatch.setattr(serial, "Serial", fails)
+    with opened("serial:///dev/ttyX:57600") as transport:
+        transport.tick(0.0)
+        assert said in transport.problem
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (None, "no serial port of USB is plugged in"),
+        ("ab", "plugged in: {0}/a, {0}/b"),
+        ("fedcba", "plugged in: {0}/a, {0}/b, {0}/c, {0}/d and 2 more"),
+    ],
+)
+def test_the_ports_that_are_there_are_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, names: str | None, said: str
+) -> None:
+    """Protects from the number behind ttyACM, which is another one after each plugging in."""
+    by_id = tmp_path / "by-id"
+    monkeypatch.setattr(serial_port, "BY_ID", by_id)
+    if names is not None:
+        by_id.mkdir()
+        for name in names:
+            (by_id / name).touch()
+    with opened(f"serial://{tmp_path}/ttyX") as transport:
+        transport.tick(0.0)
+        assert transport.problem.endswith(said.format(by_id) if names else "is empty)")
+        assert said.format(by_id) in transport.problem
 
 
 def test_a_port_that_is_no_serial_line_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

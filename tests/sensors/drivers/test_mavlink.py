@@ -14,10 +14,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.config.settings import Settings
 from companion.mavlink.ids import MavCmd
 from companion.model import Beam, RangeReading
 from companion.sensors.drivers import mavlink
-from companion.sensors.drivers.mavlink import DISTANCE, OBSTACLES, MavlinkDriver, planar_scan
+from companion.sensors.drivers.driver import DriverContext
+from companion.sensors.drivers.mavlink import DISTANCE, OBSTACLES, MavlinkDriver, create, planar_scan
 from companion.sensors.sink import SensorSink, Taken
 from tests.autopilot.fake_link import FakeLink
 from tests.shared.beside import until
@@ -136,8 +138,52 @@ async def test_of_two_that_look_the_same_way_the_first_that_measured_is_believed
         for i, seen_cm in enumerate((30, 65535), start=2):
             told = distance(current_distance=seen_cm, **changed)
             assert b.says(DISTANCE, told, NOW_S + 0.1 * i, **sender).ranges == ()
-        assert b.reasons("down") == {mavlink.ANOTHER}
+        (reason,) = b.reasons("down")
+        other_name = "component 197, id 0" if sender else "component 1, id 3"
+        assert reason == (f"from {other_name}; component 1, id 0 looks the same way, measured first, and is believed")
         assert len(b.says(DISTANCE, distance(orientation=24, **changed), NOW_S + 0.5, **sender).ranges) == 1, "upward"
+
+
+@pytest.mark.parametrize(
+    ("chosen", "ranges_m"),
+    [({}, 1.5), ({"down_component": 197}, 0.3), ({"down_id": 3}, 0.3), ({"down_component": 1, "down_id": 0}, 1.5)],
+)
+async def test_which_rangefinder_is_believed_can_be_chosen(chosen: dict[str, int], ranges_m: float) -> None:
+    """Protects a vehicle with two: the first that speaks is chance."""
+    settings = Settings.model_validate({"sensors": {"mavlink": chosen, "drivers": ["mavlink"]}})
+    async with bench() as b:
+        b.driver._choice = create(settings, DriverContext(b.clock, b.link))._choice
+        found = [*b.says(DISTANCE, distance(), NOW_S + 0.1).ranges]
+        found += b.says(DISTANCE, distance(current_distance=30, id=3), NOW_S + 0.2, component_id=197).ranges
+        assert [reading.range_m for reading in found] == [ranges_m]
+        assert len(b.reasons("down")) == 1
+
+
+@pytest.mark.parametrize(("other_cm", "times"), [(30, 2), (230, 2), (170, 0), (65535, 0)])
+async def test_two_that_contradict_each_other_for_long_are_told(other_cm: int, times: int) -> None:
+    """Protects the height: which of the two is right nobody here knows, and somebody has to look."""
+    async with bench() as b:
+        for i in range(350):
+            b.says(DISTANCE, distance(), NOW_S + 0.1 * i)
+            b.says(DISTANCE, distance(current_distance=other_cm), NOW_S + 0.1 * i + 0.05, component_id=197)
+        told = b.sink.warnings()
+        assert len(told) == times, "after two seconds, and again after thirty"
+        assert all(f"1/0 1.50 m, 197/0 {other_cm / 100:.2f} m contradict" in text for text in told)
+
+
+async def test_what_passes_an_edge_one_after_the_other_is_no_contradiction() -> None:
+    """Protects from a warning at each step of the ground, and about a sensor that has fallen silent."""
+    async with bench() as b:
+        for i in range(100):
+            b.says(DISTANCE, distance(current_distance=150 if i % 15 else 30), NOW_S + 0.1 * i)
+            b.says(DISTANCE, distance(current_distance=30 if i % 15 else 150), NOW_S + 0.1 * i + 0.05, component_id=197)
+            if i % 15 == 1:
+                b.says(DISTANCE, distance(), NOW_S + 0.1 * i + 0.06, component_id=197)
+        for i in range(100, 200):
+            b.says(DISTANCE, distance(current_distance=30), NOW_S + 0.1 * i, component_id=197)
+        for component in range(2, 40):
+            b.says(DISTANCE, distance(current_distance=30), NOW_S + 30.0 + 0.1 * component, component_id=component)
+        assert b.sink.warnings() == []
 
 
 async def test_only_our_vehicle_is_heard_but_any_component_of_it() -> None:

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 import threading
 from pathlib import Path
 
+import psutil
 import pytest
 
 from companion.config.settings import Settings
+from companion.gate.runtime.supervisor import GONE_S
 from sitl.cli.mesh_options import spelled
 from sitl.launch.processes import WORLD_SERVES, Crew, FlightPlan, odometry_options, run_to_its_end, with_odometry
 from sitl.launch.program import Program, Running
 from sitl.mines.placing import Reading
+from tests.shared.beside import wait_until
 
 STATION = {"url": "udpout://127.0.0.1:14550", "may": "command"}
 
@@ -87,3 +91,37 @@ def test_whoever_ends_the_command_lets_the_application_land(tmp_path: Path, numb
     assert run_to_its_end([sys.executable, "-c", LANDS, str(landed)]) == 7
     assert landed.read_text(encoding="utf-8") == "landed"
     assert signal.getsignal(number) == before
+
+
+LAUNCHES = """
+import os, pathlib, signal, sys
+from sitl.launch.program import Program, Running
+one = Running(Program("sleeper", ("sleep", "60"), "never"), pathlib.Path(sys.argv[1]), niceness=1)
+print(one.process.pid, flush=True)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_what_was_started_ends_when_the_launcher_is_killed(tmp_path: Path) -> None:
+    """Protects the computer from autopilots and worlds that nobody has: before, they ran on for ever."""
+    said = subprocess.run([sys.executable, "-c", LAUNCHES, str(tmp_path)], stdout=subprocess.PIPE, check=False).stdout
+    wait_until(lambda: not psutil.pid_exists(int(said)), "it has ended with who started it")
+
+
+@pytest.mark.flight
+def test_a_flight_whose_launcher_is_killed_leaves_nothing_running(tmp_path: Path) -> None:
+    """Protects the same for all of a flight: the gate first tries to land, and the map is written."""
+    log = tmp_path / "log"
+    command = [sys.executable, "-m", "companion", "sitl", "fly", "--out", str(tmp_path / "flight"), "--boot-s", "1"]
+    with log.open("wb") as words:
+        launcher = subprocess.Popen(command, stdout=words, stderr=subprocess.STDOUT, start_new_session=True)
+    try:
+        wait_until(lambda: b"\nexploring\n" in log.read_bytes(), "it flies", 110.0)
+        family = psutil.Process(launcher.pid).children(recursive=True)
+        assert len(family) >= 6, "autopilot, world, gate, application, map, and what multiprocessing keeps"
+    finally:
+        launcher.kill()
+        launcher.wait()
+    _, alive = psutil.wait_procs(family, timeout=GONE_S + 15.0)
+    assert not alive, "10 s for an autopilot that is gone, and the writing of a small map"
+    assert len(list((tmp_path / "flight").glob("*/map.bt"))) == 1
