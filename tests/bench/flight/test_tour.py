@@ -94,8 +94,8 @@ def test_a_way_round_a_corner_is_pulled_taut() -> None:
     assert leg.length_m == pytest.approx(math.hypot(10.0, 4.0))
     assert leg.headings_rad == pytest.approx([math.atan2(4.0, 10.0)])
     corner = Ways(grid(*["#" * 21], *["." * 20 + "#"] * 8), 0.5)
-    assert corner.leg(0, 28).length_m == pytest.approx(14.0)
-    assert corner.leg(28, 0).headings_rad == pytest.approx([-math.pi / 2.0, -math.pi])
+    assert corner.leg(0, 28).length_m == pytest.approx(9.5 + math.hypot(0.5, 0.5) + 3.5)
+    assert corner.leg(28, 0).headings_rad == pytest.approx([-math.pi / 2.0, -0.75 * math.pi, -math.pi])
 
 
 def test_what_is_above_each_other_is_joined_by_no_way() -> None:
