@@ -112,7 +112,8 @@ def key_figures(data: ReportData) -> list[Card]:
     accuracy_m, path_m = number(summary, "accuracy_m"), number(summary, "path_length_m")
     sim_s, wall_s = number(summary, "sim_time_s"), number(summary, "wall_time_s")
     times = number(summary, "times_real_time")
-    ended = summary.get("ended_because")
+    ended, passages = summary.get("ended_because"), summary.get("passages")
+    widths = passages if isinstance(passages, Mapping) else {}
     return [
         Card("Map complete", _percent(completeness), "of what can be seen", _completeness_state(completeness)),
         Card(
@@ -133,6 +134,12 @@ def key_figures(data: ReportData) -> list[Card]:
             UNKNOWN if clearance_m is None else f"{clearance_m:.2f} m",
             "to any rock, above and below too; a contact is where it is 0",
             State.PLAIN if clearance_m is None else State.GOOD if clearance_m > 0.0 else State.BAD,
+        ),
+        Card(
+            "Flies into",
+            " × ".join(_metres(number(widths, f"enters_{side}_m")) for side in ("width", "height")),
+            "wide and high, or more; once inside it goes on down to "
+            + " × ".join(_metres(number(widths, f"least_{side}_m")) for side in ("width", "height")),
         ),
         Card(
             "Accuracy of the map",
@@ -161,6 +168,10 @@ def _contact_state(contacts: float | None) -> State:
     if contacts is None:
         return State.LOOK
     return State.GOOD if contacts == 0 else State.BAD
+
+
+def _metres(value_m: float | None) -> str:
+    return UNKNOWN if value_m is None else f"{value_m:.2f} m"
 
 
 def _percent(share: float | None) -> str:
