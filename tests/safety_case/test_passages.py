@@ -17,7 +17,7 @@ def changed(**control: Any) -> Settings:
 
 def test_the_presets() -> None:
     assert str(passages(load_settings(None, "flight"))) == (
-        "flies into places 2.30 m wide and 2.00 m high, or more; once inside it goes on down to 1.80 m and 1.00 m"
+        "flies into places 2.30 m wide and 2.00 m high, or more; once inside it goes on down to 1.90 m and 1.00 m"
     )
     for preset in preset_names():
         found = passages(load_settings(None, preset))
