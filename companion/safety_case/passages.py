@@ -1,8 +1,8 @@
 """How narrow and how low a place may be that a configuration flies through. Pure.
 
 Two numbers each, since to go on is easier than to go in. Into a place as wide and high as the first it flies by itself,
-and keeps d_c there, but for a centimetre or two. Where it is in one already, it goes on down to the second. Between the two nothing is promised
-of what it finds its way into; below the second it stands, turns and tries again.
+and keeps d_c there, but for a centimetre or two. Where it is in one already, it goes on down to the second. Between the
+two nothing is promised of what it finds its way into; below the second it stands, turns and tries again.
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import yaml
+from numpy.typing import NDArray
 
 from companion.config.load import load_settings
 from companion.config.settings import Settings
@@ -48,20 +49,17 @@ FLIGHT, SLIM = load_settings(None, "flight"), slim()
 
 def raised(drifts: Sequence[Drift], bends_m: Sequence[float], roof_m: Sequence[float]) -> World:
     """A mine over that plan; the roof is as high as that at the bends, and goes straight from one to the next."""
-    corners = [(np.array([a, b]), half) for d in drifts for a, b, half in [(d.a_m, d.b_m, d.half_width_a_m)]]
-    lines = [
-        grid_lines(
-            [end[axis] + side for ends, half in corners for end in ends for side in (-half, half)],
-            bends_m if axis == 0 else [],
-            0.5,
-        )
-        for axis in (0, 1)
-    ]
+
+    def lines(axis: int, also_m: Sequence[float]) -> NDArray[np.float64]:
+        sides = [(end[axis], drift.half_width_a_m) for drift in drifts for end in (drift.a_m, drift.b_m)]
+        return grid_lines([at + side for at, half in sides for side in (-half, half)], also_m, 0.5)
+
     shell = extruded(
-        *lines,
+        lines(0, bends_m),
+        lines(1, []),
         lambda x, y: inside_m(drifts, x, y),
         lambda x, _: np.zeros_like(x),
-        lambda x, _: np.interp(x, bends_m, roof_m),
+        lambda x, _: np.asarray(np.interp(x, bends_m, roof_m)),
     )
     return World("a drift", shell.vertices_m, shell.triangles, None, np.zeros((0, 3)), "made for a test")
 
