@@ -21,6 +21,8 @@ def main() -> None:
     made.add_argument("--seeds", type=_numbers, default=(1,), metavar="N,N,...", help="of the missions: their starts")
     made.add_argument("--speed", type=float, metavar="M/S", help="else control.speed_mps")
     arguments = made.parse_args()
+    if arguments.speed is not None and not 0.0 < arguments.speed < float("inf"):
+        made.error(f"--speed {arguments.speed:g}: must be above 0, in m/s")
     from bench.flight.tour.inspection import inspection
     from companion.config.load import load_settings
     from sitl.mines import load_world

@@ -263,7 +263,7 @@ def test_what_is_not_known_is_a_dash_on_every_card() -> None:
 
 
 def test_the_report_says_through_how_narrow_a_place_it_flies() -> None:
-    sizes = dict(enters_width_m=2.3, enters_height_m=2.0, least_width_m=1.9, least_height_m=1.0)
+    sizes = {"enters_width_m": 2.3, "enters_height_m": 2.0, "least_width_m": 1.9, "least_height_m": 1.0}
     cards = {card.label: card for card in key_figures(replace(data(), summary={"passages": sizes}))}
     assert cards["Flies into"].value == "2.30 x 2.00 m"
     assert "1.90 x 1.00 m" in cards["Flies into"].note
