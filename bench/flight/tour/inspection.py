@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,8 +19,9 @@ from sitl.mines import World
 from sitl.scene.visibility import horizontal_clearance
 from sitl.sim.simulation import COMPLETE_SHARE, SURFACE_STEP_M, Simulation
 
-PLACES_M = 0.5
-"""Looks are taken from a grid of this size, one place of the traveling surface in each cell."""
+_MOST_PLACES = 2500
+"""Looks are taken from the places of the traveling surface; of more than so many from one in each cell of a wider grid.
+In a narrow mine all are needed: some of what can be seen is seen from few of them."""
 
 _ALONG_M, _SWEEP_RAD = 0.25, 0.12
 """A camera of 5 Hz takes an image about so often at 0.5 m/s, and at 0.6 rad/s."""
@@ -104,11 +106,14 @@ def inspection(
 
 
 def _spread(ways: Ways) -> NDArray[np.int64]:
-    """One place of the surface for each cell and level of a wider grid."""
-    wider = max(1, round(PLACES_M / SURFACE_STEP_M))
+    """Places from all over the surface, `_MOST_PLACES` at most."""
     levels = np.round(ways.places_m[:, 2]).astype(np.int64)
-    keys = np.column_stack([ways.cells // wider, levels])
-    return np.sort(np.unique(keys, axis=0, return_index=True)[1])
+    for wider in itertools.count(1):
+        keys = np.column_stack([ways.cells // wider, levels])
+        places = np.unique(keys, axis=0, return_index=True)[1]
+        if len(places) <= _MOST_PLACES:
+            break
+    return np.sort(places)
 
 
 def _flown(planner: Planner, tour: list[Look], start: Pose) -> list[Pose]:
