@@ -91,7 +91,7 @@ def inspection(
     for some in rounds:
         tour = planner.search(wanted, some, tour)
         poses = _flown(planner, tour, start)
-        seen = seen_share(mission.truth, mission.caster, camera, poses, range_m)
+        seen = seen_share(mission.truth, mission.caster, camera, poses, range_m, settings.mapping.voxel_m)
         shorter = planner.time_s(tour) < planner.time_s(best)
         if (shorter and seen >= needed) or (share < needed and seen > share):
             best, share = tour, seen

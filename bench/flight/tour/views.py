@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -116,8 +117,13 @@ def looks_at(caster: RayCaster, camera: Camera, patches: Patches, places_m: Arra
     return Views.of_counts(np.concatenate(counts), np.concatenate(seen), len(patches.shares))
 
 
-def seen_share(truth: Truth, caster: RayCaster, camera: Camera, poses: Sequence[Pose], range_m: float) -> float:
-    """The share, by area, of all that is visible that a camera sees from these poses, by the truth's own rule."""
+def seen_share(
+    truth: Truth, caster: RayCaster, camera: Camera, poses: Sequence[Pose], range_m: float, voxel_m: float
+) -> float:
+    """The share, by area, of all that is visible that a camera maps from these poses.
+
+    Seen is what the truth calls visible, from there; mapped is what lies within one voxel of it, as in a mission.
+    """
     samples, areas = truth.samples_m.astype(np.float64), truth.sample_areas_m2.astype(np.float64)
     _, tangents = frustum(camera, np.zeros(1))
     seen = np.zeros(len(samples), np.bool_)
@@ -126,7 +132,22 @@ def seen_share(truth: Truth, caster: RayCaster, camera: Camera, poses: Sequence[
         near = _unseen_in_picture(samples, seen, at_m, range_m, turn, tangents)
         ways = samples[near] - at_m
         seen[near] = ~caster.blocked(at_m, samples[near] - _last_piece(ways)) if len(near) else False
-    return float(areas[seen].sum() / areas.sum())
+    mapped = _within_a_voxel(samples, seen, voxel_m)
+    return float(areas[mapped].sum() / areas.sum())
+
+
+def _within_a_voxel(points_m: Array, seen: NDArray[np.bool_], voxel_m: float) -> NDArray[np.bool_]:
+    """(n,) whether the voxel of each point, or one beside it, holds one that is seen."""
+    voxels = np.floor(points_m / voxel_m).astype(np.int64)
+    voxels -= voxels.min(axis=0) - 1
+    _, ny, nz = voxels.max(axis=0) + 2
+    keys = (voxels[:, 0] * ny + voxels[:, 1]) * nz + voxels[:, 2]
+    held = np.unique(keys[seen])
+    found = seen.copy()
+    for dx, dy, dz in itertools.product((-1, 0, 1), repeat=3):
+        rest = np.flatnonzero(~found)
+        found[rest] = np.isin(keys[rest] + (dx * ny + dy) * nz + dz, held)
+    return found
 
 
 def _last_piece(ways: Array) -> Array:
