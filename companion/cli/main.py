@@ -50,13 +50,18 @@ def show(config: Config = None, preset: Preset = None) -> None:
 def check(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="YAML file with settings.")], preset: Preset = None
 ) -> None:
-    """Say whether a settings file can be used, and if not, everything that is wrong with it."""
+    """Say whether a settings file can be used, and if not, everything that is wrong with it.
+
+    And how narrow and how low a place may be that it flies through.
+    """
     from companion.config.load import load
+    from companion.safety_case.passages import passages
     from companion.sensors.drivers.driver import find_drivers
 
     loaded = load(file, preset)
     find_drivers(loaded.settings)
     typer.echo(f"{file}: OK (preset {loaded.preset})")
+    typer.echo(str(passages(loaded.settings)))
 
 
 @config_app.command()

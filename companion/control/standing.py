@@ -53,9 +53,11 @@ class Standing:
         if setpoint.speed_mps != 0.0:
             self.release()
             left_mps = away_mps(sides, self._keep_m, self._most_mps)[1] if self._makes_room else 0.0
+            # All the way aside, rounding can make of what is left less than nothing.
+            left_over_mps = math.sqrt(max(0.0, self._speed_mps**2 - left_mps**2))
             return replace(
                 setpoint,
-                speed_mps=min(setpoint.speed_mps, math.sqrt(self._speed_mps**2 - left_mps**2)),
+                speed_mps=min(setpoint.speed_mps, left_over_mps),
                 lateral_mps=left_mps,
             )
         away = self._away_mps(scan)

@@ -6,6 +6,7 @@ import asyncio
 import json
 from collections.abc import Callable
 from contextlib import AsyncExitStack, nullcontext
+from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -40,6 +41,7 @@ from companion.mapping.process.messages import MapError
 from companion.pipeline import Explorer
 from companion.recording import RECORDING_NAME, FlightInfo, Recorder
 from companion.recording.folder import make_folder
+from companion.safety_case.passages import passages
 
 Show = Callable[[str], None]
 
@@ -257,6 +259,7 @@ class _Flight:
             "unpaired_frames": session.inputs.unpaired,
             "clock_residual_s": session.telemetry.clock_residual_s,
             "gate_notices": dict(self._gate.counted),
+            "passages": asdict(passages(self._settings)),
             "beats_unsent": self._gate.socket.unsent,
             "skipped_checks": [result.name for result in results if result.skipped],
             "versions": {name: version(name) for name in ("mine-companion", "mavsdk", "numpy", "numba")},

@@ -112,7 +112,8 @@ def key_figures(data: ReportData) -> list[Card]:
     accuracy_m, path_m = number(summary, "accuracy_m"), number(summary, "path_length_m")
     sim_s, wall_s = number(summary, "sim_time_s"), number(summary, "wall_time_s")
     times = number(summary, "times_real_time")
-    ended = summary.get("ended_because")
+    ended, passages = summary.get("ended_because"), summary.get("passages")
+    sizes = passages if isinstance(passages, Mapping) else {}
     return [
         Card("Map complete", _percent(completeness), "of what can be seen", _completeness_state(completeness)),
         Card(
@@ -134,6 +135,7 @@ def key_figures(data: ReportData) -> list[Card]:
             "to any rock, above and below too; a contact is where it is 0",
             State.PLAIN if clearance_m is None else State.GOOD if clearance_m > 0.0 else State.BAD,
         ),
+        Card("Flies into", _size(sizes, "enters"), f"or more; once inside it goes on down to {_size(sizes, 'least')}"),
         Card(
             "Accuracy of the map",
             UNKNOWN if accuracy_m is None else f"{100.0 * accuracy_m:.1f} cm",
@@ -161,6 +163,12 @@ def _contact_state(contacts: float | None) -> State:
     if contacts is None:
         return State.LOOK
     return State.GOOD if contacts == 0 else State.BAD
+
+
+def _size(passages: Mapping[str, object], which: str) -> str:
+    """Width and height of a place."""
+    width_m, height_m = number(passages, f"{which}_width_m"), number(passages, f"{which}_height_m")
+    return UNKNOWN if width_m is None or height_m is None else f"{width_m:.2f} x {height_m:.2f} m"
 
 
 def _percent(share: float | None) -> str:

@@ -6,7 +6,7 @@ import math
 import platform
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from companion.config.settings import Settings
 from companion.mapping import VoxelMap
+from companion.safety_case.passages import passages
 from sitl.mines import World
 from sitl.scene.raycast import RayCaster
 from sitl.scene.visibility import Say, Truth, accuracy_m, horizontal_clearance, precision, silent
@@ -180,6 +181,7 @@ class Simulation:
             "camera": f"{self.settings.sensors.camera.width_px} x {self.settings.sensors.camera.height_px} at "
             f"{self.settings.sensors.camera.rate_hz:g} Hz",
             "ended_because": self.ended_because,
+            "passages": asdict(passages(self.settings)),
             "versions": _versions(),
         }
 

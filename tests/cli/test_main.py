@@ -15,6 +15,7 @@ from companion.cli import main as cli
 from companion.config.load import load_settings
 from companion.config.show import dump_yaml
 from companion.errors import CompanionError, InputError
+from companion.safety_case.passages import passages
 
 COMPANION = [sys.executable, "-c", "from companion.cli.main import main; main()"]
 
@@ -58,7 +59,9 @@ class TestConfig:
         file.write_text(shown, encoding="utf-8")
         assert run("config", "show", "--config", str(file)) == 0
         assert run("config", "check", str(file)) == 0
-        assert capsys.readouterr().out.endswith("shown.yaml: OK (preset table_ii)\n")
+        said = capsys.readouterr().out
+        assert "shown.yaml: OK (preset table_ii)\n" in said
+        assert said.endswith(f"{passages(load_settings(preset='table_ii'))}\n")
 
     def test_check_refuses(self, run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
         file = tmp_path / "bad.yaml"

@@ -170,3 +170,16 @@ def test_after_backing_away_it_stays_where_it_then_stands() -> None:
     standing.of(replace(still, t_s=1.0), seen((0.0, 0.5)), NOTHING_AROUND, ORIGIN)
     after = standing.of(replace(still, t_s=2.0), seen((0.0, ROOM_M + 0.81)), NOTHING_AROUND, replace(ORIGIN, x_m=-0.2))
     assert (after.speed_mps, after.lateral_mps) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("speed_mps", [0.1, 0.2, 0.3, 0.4])
+def test_what_moves_aside_with_all_its_speed_flies_on_with_none(speed_mps: float) -> None:
+    """Protects slow vehicles: the root of a rounding error below zero ended the application in flight."""
+    parameters = Parameters()
+    parameters.speed_mps = speed_mps
+    standing = Standing(parameters)
+    asked = Setpoint(0.0, speed_mps, 0.0, 0.0)
+    for distance_m in np.linspace(0.3, 0.6, 301):
+        flown = standing.of(asked, seen(), Sides(left=Side(float(distance_m), 0.0)), ORIGIN)
+        assert flown.speed_mps == pytest.approx(0.0, abs=1e-7)
+        assert flown.lateral_mps == pytest.approx(-speed_mps)

@@ -262,6 +262,13 @@ def test_what_is_not_known_is_a_dash_on_every_card() -> None:
         assert {card.value for card in key_figures(replace(data(), summary=summary))} == {"-"}
 
 
+def test_the_report_says_through_how_narrow_a_place_it_flies() -> None:
+    sizes = {"enters_width_m": 2.3, "enters_height_m": 2.0, "least_width_m": 1.9, "least_height_m": 1.0}
+    cards = {card.label: card for card in key_figures(replace(data(), summary={"passages": sizes}))}
+    assert cards["Flies into"].value == "2.30 x 2.00 m"
+    assert "1.90 x 1.00 m" in cards["Flies into"].note
+
+
 def test_coming_nearer_than_the_critical_margin_is_marked() -> None:
     cards = {card.label: card for card in key_figures(replace(data(), summary={"least_d_m": 0.69}))}
     assert cards["Least distance to a wall"].state is State.LOOK

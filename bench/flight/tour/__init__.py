@@ -1,0 +1,1 @@
+"""A good inspection tour through a known mine: what explorations are compared with."""

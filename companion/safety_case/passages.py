@@ -1,0 +1,68 @@
+"""How narrow and how low a place may be that a configuration flies through. Pure.
+
+Two numbers each, since to go on is easier than to go in. Into a place as wide and high as the first it flies by itself,
+and keeps d_c there, but for a centimetre or two. Where it is in one already, it goes on down to the second. Between the
+two nothing is promised of what it finds its way into; below the second it stands, turns and tries again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from companion.config.settings import Settings
+from companion.control.governor import ROOM_M
+
+TURNS_IN_M = 0.15
+"""A drift is part of the traveling surface where it is wider than twice d_s. The law turns into one that is wider by so
+much on either side: at its mouth it comes round the near corner at d_s, and must not have come to the far one by then.
+Flown in simulation: with 0.15 m by d_s = 1 m in 8 of 8 flights and by d_s = 0.65 m in 6 of 6; with 0 by none of 5."""
+
+SWAYS_M = 0.1
+"""So far from the middle of a drift noise and disturbances carry it: with 0.05 m one of four flights stood there for
+minutes, with 0.08 m one of ten."""
+
+CLEARS_M = 0.1
+"""So much more than the slab of heights that counts as obstacle must be free above and below: depth is noisy, and H is
+held to some centimetres."""
+
+
+@dataclass(frozen=True, slots=True)
+class Passages:
+    """What a configuration flies through.
+
+    Attributes:
+        enters_width_m: into a drift so wide and more it turns by itself.
+        least_width_m: where it is in one, it goes on down to this width.
+        enters_height_m: under the edge of a roof so high above the ground and more it flies straight on, at H.
+        least_height_m: where the roof is so low, it goes on half-way between it and the ground.
+    """
+
+    enters_width_m: float
+    least_width_m: float
+    enters_height_m: float
+    least_height_m: float
+
+    def __str__(self) -> str:
+        """For people, in one line."""
+        return (
+            f"flies into places {self.enters_width_m:.2f} m wide and {self.enters_height_m:.2f} m high, or more; once "
+            f"inside it goes on down to {self.least_width_m:.2f} m and {self.least_height_m:.2f} m"
+        )
+
+
+def passages(settings: Settings) -> Passages:
+    """The least width and height that a configuration flies through.
+
+    In a drift the law stands as soon as anything beside or ahead is nearer than d_c (12); the governor keeps `ROOM_M`
+    more. In height the slab that counts as obstacle (`Settings.half_slab_m`) must be free: ahead at the height at which
+    it flies, and under a low roof on either side of the middle, where law (6) then leads it.
+    """
+    control = settings.control
+    keeps_m = control.critical_margin_m + (ROOM_M if control.speed_law == "governor" else 0.0)
+    least_width_m = 2.0 * (keeps_m + SWAYS_M)
+    return Passages(
+        enters_width_m=max(2.0 * (control.margin_m + TURNS_IN_M), least_width_m),
+        least_width_m=least_width_m,
+        enters_height_m=control.height_m + settings.half_slab_m + CLEARS_M,
+        least_height_m=2.0 * (settings.half_slab_m + CLEARS_M),
+    )
