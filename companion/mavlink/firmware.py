@@ -23,4 +23,6 @@ KINDS: dict[int, AutopilotKind] = {
 MEASURED_BRAKE_MPS2 = 0.43
 """How both autopilots stop under zero velocity, and when setpoints stop: 0.15 s after the order they slow down by this
 much, and from 0.3 to 0.56 m/s no measured stop was longer (PX4 0.22 m from 0.38 m/s, ArduCopter 0.35 m from 0.56 m/s),
-but for what they creep on afterwards. Pre-flight refuses settings that count on more."""
+but for what they creep on afterwards. From 0.5 to 2 m/s one of 48 was, by 0.1 m, in the noise of PX4's simulator
+(`python -m validation.real.braking`); from 1 m/s on they brake harder: the way of a stop grows with v rather than with
+v². Pre-flight refuses settings that count on more."""

@@ -24,7 +24,8 @@ SILENCE_EXTRA_S = 0.12
 """PX4 acted 0.03 to 0.12 s after its COM_OF_LOSS_T; ArduCopter no later than that after its GUID_TIMEOUT."""
 MODE_BRAKE_MPS2, MODE_CREEP_M = 0.38, 0.25
 """How they stop, and how far they wander then, in a mode of their own, whether it was ordered or is their failsafe:
-PX4's hold from 0.4 m/s stood after 0.27 m and went on to 0.48 m; 0.67 s of silence and it had gone 0.70 m from 0.39."""
+PX4's hold from 0.4 m/s stood after 0.27 m and went on to 0.48 m; 0.67 s of silence and it had gone 0.70 m from 0.39.
+Both hold up to 2 m/s (`python -m validation.real.braking`)."""
 
 DRIFT_MPS = 0.17
 """How fast the place drifts that nothing measures any more: ArduCopter was measured to drift at 0.1 to 0.17 m/s."""

@@ -7,31 +7,28 @@ before. An answer that does not come is the reason why, so that the other questi
 from __future__ import annotations
 
 import contextlib
-import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from companion.frames import BodyVelocity
 from sitl.autopilot.mavlink import dialect as m
 from sitl.launch.program import Ports
 from tests.integration.rig import SILENCE
-from tests.real.truth import TruthListener
 from tests.shared.beside import wait_until
 from validation.fault_matrix.true_way import standing_s
+from validation.real.sortie import COMPANION, MODES, Stream, streaming, take_off
 from validation.real.station import Station
+from validation.real.truth import TruthListener
 
-COMPANION = (1, 191)
-HEIGHT_M, SPEED_MPS, CRUISE_S = 1.5, 0.5, 4.0
-READY_S, ARM_EVERY_S = 90.0, 1.0
+HEIGHT_M, SETTLED_S, CRUISE_S = 1.5, 3.0, 4.0
+FORWARD = BodyVelocity(0.5, 0.0, 0.0, 0.0)
+READY_S = 90.0
 LISTEN_S, SAID_S, HEARD_S = 4.0, 1.5, 1.5
 STREAM_S = 1.0
 """PX4 takes the mode when setpoints have been coming."""
 UNKNOWN_MESSAGE, UNKNOWN_COMMAND, UNKNOWN_MODE = 60_000, 31_999, 99
-MODES = {
-    "px4": {"offboard": (1.0, 6.0, 0.0), "hold": (1.0, 4.0, 3.0), "land": (1.0, 4.0, 6.0)},
-    "ardupilot": {"offboard": (1.0, 4.0, 0.0), "hold": (1.0, 17.0, 0.0), "land": (1.0, 9.0, 0.0)},
-}
 PARAMETERS = {
     "px4": ("COM_OF_LOSS_T", "COM_OBL_RC_ACT", "EKF2_EV_CTRL", "MPC_XY_VEL_MAX", "NAV_RCL_ACT"),
     "ardupilot": ("GUID_TIMEOUT", "GUID_OPTIONS", "AVOID_ENABLE", "FS_THR_ENABLE", "BATT_LOW_VOLT", "RTL_ALT"),
@@ -173,13 +170,14 @@ class Interview:
     # --- in the air ----------------------------------------------------------------------------------------------
 
     def _fly(self) -> None:
-        armed_s = self._take_off()
+        armed_s = take_off(self._personality, self._ground, self._truth.way, HEIGHT_M)
+        time.sleep(SETTLED_S)
         looks = self._truth.way.looks(armed_s)
         for height_m in (0.05, 0.5, 1.2):
             reached = next((one.t_s for one in looks if one.height_m >= height_m), None)
             self.answers[f"take-off: {height_m:g} m after, s"] = None if reached is None else reached - armed_s
         self._answer("estimator flags in the air", self._flags)
-        with self._streaming() as stream:
+        with streaming(self._companion) as stream:
             time.sleep(STREAM_S)
             self._answer("offboard: results", lambda: self._ask(m.MAV_CMD_DO_SET_MODE, *self._modes["offboard"]))
             for name, stop in (
@@ -194,36 +192,13 @@ class Interview:
         wait_until(lambda: not self._ground.armed, "landed and disarmed", 40.0, 0.05)
         self.answers["landing: disarmed after, s"] = time.monotonic() - ordered_s
 
-    def _take_off(self) -> float:
-        """To `HEIGHT_M`; when it was armed."""
-        if self._personality == "px4":
-            self._ground.set_parameters({"MIS_TAKEOFF_ALT": HEIGHT_M})
-            armed_s = self._arm()
-            self._ask(m.MAV_CMD_NAV_TAKEOFF, *[float("nan")] * 7)
-        else:
-            self._ask(m.MAV_CMD_DO_SET_MODE, *self._modes["offboard"])
-            armed_s = self._arm()
-            self._ask(m.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, HEIGHT_M)
-        wait_until(lambda: self._truth.now().height_m > 0.9 * HEIGHT_M, "taken off", 30.0, 0.02)
-        time.sleep(3.0)
-        return armed_s
-
-    def _arm(self) -> float:
-        give_up_s = time.monotonic() + READY_S
-        while time.monotonic() < give_up_s:
-            begun_s = time.monotonic()
-            if self._ask(m.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)[-1:] == [0]:
-                return begun_s
-            time.sleep(ARM_EVERY_S)
-        raise AssertionError(f"it could not be armed: {self._ground.texts[-5:]}")
-
     def _brake(self, name: str, stream: Stream, stop: Callable[[], None]) -> None:
         """At cruise, then stopped in this way."""
         with self._noted(name):
-            stream.forward()
+            stream.fly(FORWARD)
             self._ask(m.MAV_CMD_DO_SET_MODE, *self._modes["offboard"])
             time.sleep(CRUISE_S)
-            self.answers[f"{name}: from, m/s"] = self._truth.now().speed_mps
+            self.answers[f"{name}: from, m/s"] = self._truth.way.now().speed_mps
             begun_s = time.monotonic()
             stop()
             time.sleep(CRUISE_S)
@@ -232,25 +207,14 @@ class Interview:
 
     def _paused(self, stream: Stream) -> list[int]:
         """A ground station's pause button, while setpoints go on."""
-        stream.forward()
+        stream.fly(FORWARD)
         self._ask(m.MAV_CMD_DO_SET_MODE, *self._modes["offboard"])
         time.sleep(CRUISE_S)
         results = self._ask(m.MAV_CMD_DO_PAUSE_CONTINUE, 0.0)
         time.sleep(CRUISE_S)
-        self.answers["pause: stands"] = self._truth.now().speed_mps < 0.2
+        self.answers["pause: stands"] = self._truth.way.now().speed_mps < 0.2
         self._ask(m.MAV_CMD_DO_PAUSE_CONTINUE, 1.0)
         return results
-
-    @contextlib.contextmanager
-    def _streaming(self) -> Iterator[Stream]:
-        stream = Stream(self._companion)
-        thread = threading.Thread(target=stream.run, name="setpoints")
-        thread.start()
-        try:
-            yield stream
-        finally:
-            stream.ended.set()
-            thread.join()
 
     # --- asking --------------------------------------------------------------------------------------------------
 
@@ -267,39 +231,6 @@ class Interview:
             yield
         except (AssertionError, OSError) as error:
             self.answers[question] = f"no answer: {error}"
-
-
-class Stream:
-    """Setpoints of a companion, twenty a second."""
-
-    def __init__(self, companion: Listener) -> None:
-        self.ended = threading.Event()
-        self._companion = companion
-        self._speed_mps: float | None = 0.0
-
-    def forward(self) -> None:
-        """At `SPEED_MPS`."""
-        self._speed_mps = SPEED_MPS
-
-    def zero(self) -> None:
-        """Stand."""
-        self._speed_mps = 0.0
-
-    def silent(self) -> None:
-        """Send nothing."""
-        self._speed_mps = None
-
-    def run(self) -> None:
-        """Until `ended`."""
-        while not self.ended.wait(0.05):
-            if self._speed_mps is not None:
-                velocity = (self._speed_mps, 0.0, 0.0)
-                self._companion.say(
-                    m.MAVLink_set_position_target_local_ned_message(
-                        *(0, 1, 1, m.MAV_FRAME_BODY_NED, 0x5C7, 0.0, 0.0, 0.0),
-                        *(*velocity, 0.0, 0.0, 0.0, 0.0, 0.0),
-                    )
-                )
 
 
 @contextlib.contextmanager

@@ -50,7 +50,7 @@ class TrueWay:
     """Gathers. One thread hears, others read."""
 
     def __init__(self) -> None:
-        self._looks: deque[Truth] = deque(maxlen=REMEMBERED)
+        self._poses: deque[Pose] = deque(maxlen=REMEMBERED)
         self._reader = TruthReader(TruthKind.AUTO)
         self._placer = Placer(Pose(0.0, START_X_M, 0.0, 0.0, 0.0))
 
@@ -59,21 +59,32 @@ class TrueWay:
         ned = self._reader.on_message(message, now_s)
         if ned is None:
             return
-        pose = self._placer.place(ned)
-        speed_mps = math.hypot(pose.vx_mps, pose.vy_mps)
-        d_m = min(LENGTH_M / 2.0 - abs(pose.x_m), WIDTH_M / 2.0 - abs(pose.y_m))
-        flies = pose.z_m >= FLYING_M
-        self._looks.append(
-            Truth(pose.t_s, pose.x_m, pose.y_m, pose.z_m, speed_mps, d_m if flies else None, ROOF_M - pose.z_m)
-        )
+        self._poses.append(self._placer.place(ned))
+
+    def poses(self, since_s: float = -math.inf, until_s: float = math.inf) -> list[Pose]:
+        """Between two moments, oldest first."""
+        return [pose for pose in tuple(self._poses) if since_s <= pose.t_s <= until_s]
 
     def looks(self, since_s: float = -math.inf, until_s: float = math.inf) -> list[Truth]:
-        """Between two moments, oldest first."""
-        return [look for look in tuple(self._looks) if since_s <= look.t_s <= until_s]
+        """The same as looks at the corridor."""
+        return list(map(_look, self.poses(since_s, until_s)))
+
+    def now(self) -> Truth:
+        """The last look, where one must have come."""
+        newest = self.newest()
+        assert newest is not None, "the simulator told no truth"
+        return newest
 
     def newest(self) -> Truth | None:
         """The last look; None: nothing has come."""
-        return self._looks[-1] if self._looks else None
+        return _look(self._poses[-1]) if self._poses else None
+
+
+def _look(pose: Pose) -> Truth:
+    speed_mps = math.hypot(pose.vx_mps, pose.vy_mps)
+    d_m = min(LENGTH_M / 2.0 - abs(pose.x_m), WIDTH_M / 2.0 - abs(pose.y_m))
+    flies = pose.z_m >= FLYING_M
+    return Truth(pose.t_s, pose.x_m, pose.y_m, pose.z_m, speed_mps, d_m if flies else None, ROOF_M - pose.z_m)
 
 
 def contacts(looks: Iterable[Truth], radius_m: float) -> int:

@@ -11,7 +11,7 @@ from sitl.autopilot.codec import Decoder
 from sitl.autopilot.mavlink import dialect as m
 from tests.integration.relay import LOOPBACK
 from tests.shared.beside import OwnThread
-from validation.fault_matrix.true_way import TrueWay, Truth
+from validation.fault_matrix.true_way import TrueWay
 
 SENDER = (1, m.MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY)
 PERIOD_US = 20_000
@@ -31,12 +31,6 @@ class TruthListener(OwnThread):
         self.port: int = self._socket.getsockname()[1]
         self.way = TrueWay()
         super().__init__("truth", self._socket)
-
-    def now(self) -> Truth:
-        """The newest look."""
-        newest = self.way.newest()
-        assert newest is not None, "the simulator told no truth"
-        return newest
 
     def way_m(self, since_s: float) -> float:
         """The greatest horizontal distance from where it was then."""
