@@ -76,7 +76,9 @@ class Explorer:
     def __init__(self, settings: Settings, rng: np.random.Generator) -> None:
         camera = settings.sensors.camera
         reach_m = min(camera.max_range_m, settings.mapping.max_range_m)
-        self.navigator = Navigator(settings.control, rng, Outlook.of(*camera.elevations_rad(), reach_m))
+        self.navigator = Navigator(
+            settings.control, rng, Outlook.of(*camera.elevations_rad(), *camera.bearings_rad(), reach_m)
+        )
         self._extractor = Extractor(settings.sensors, settings.vehicle, settings.control.height_m)
 
     def look(self, observation: Observation) -> Measurement:

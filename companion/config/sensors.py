@@ -104,6 +104,11 @@ class CameraSettings(Section):
         half_rad, down_rad = math.radians(self.vertical_fov_deg) / 2.0, math.radians(self.mount_pitch_deg)
         return -half_rad - down_rad, half_rad - down_rad
 
+    def bearings_rad(self) -> tuple[float, float]:
+        """The rightmost and the leftmost direction that it sees, to the left positive."""
+        half_rad, towards_rad = math.radians(self.horizontal_fov_deg) / 2.0, math.radians(self.mount_yaw_deg)
+        return towards_rad - half_rad, towards_rad + half_rad
+
 
 class BeamSettings(Section):
     """Single-beam rangefinders along the body axes."""

@@ -128,6 +128,7 @@ class Choice:
     def __init__(self, parameters: Parameters, ground: KnownGround) -> None:
         self._parameters = parameters
         self._ground = ground
+        self._turn_m_per_rad = parameters.speed_mps / parameters.max_yaw_rate_radps
         self._h_m: float | None = None
         self._next_look_s = -math.inf
         self._next_plan_s = -math.inf
@@ -153,7 +154,7 @@ class Choice:
         self._next_plan_s = t_s + PLAN_PERIOD_S
         here = self._place(pose)
         ways = find_ways(self._ground, here)
-        way = None if ways is None else ways.way(here, pose.yaw_rad)
+        way = None if ways is None else ways.way(here, pose.yaw_rad, self._turn_m_per_rad)
         if ways is None or way is None:
             # Nothing else is left: what was given up may be tried from elsewhere.
             if t_s >= self._next_revival_s:
@@ -166,6 +167,14 @@ class Choice:
             return None
         return way
 
+    def has_been_seen(self, goal: Place, pose: Pose, t_s: float) -> bool:
+        """Whether what a way leads to has come into view before its end; looked at every `PLAN_PERIOD_S`."""
+        if t_s < self._next_plan_s:
+            return False
+        self._next_plan_s = t_s + PLAN_PERIOD_S
+        ways = find_ways(self._ground, self._place(pose))
+        return ways is not None and not ways.is_goal(goal)
+
     def onward(self, pose: Pose) -> Way | None:
         """The rest of a way over known ground, from where one of its straights has ended; None where it has ended.
 
@@ -173,7 +182,7 @@ class Choice:
         """
         here = self._place(pose)
         ways = find_ways(self._ground, here)
-        way = None if ways is None else ways.way(here, pose.yaw_rad)
+        way = None if ways is None else ways.way(here, pose.yaw_rad, self._turn_m_per_rad)
         if way is None:
             return None
         if math.hypot(way.goal.x_m - pose.x_m, way.goal.y_m - pose.y_m) > THERE_M:

@@ -22,6 +22,10 @@ of a ramp the height is known to less than that."""
 MOST_LEVELS = 8
 """So many grounds above each other; of one more nothing is kept, as of what was never seen."""
 
+HIT_WEIGHT, MOST_WEIGHT = 3, 30
+"""A wall is believed by so much for each ray that ends in it, at most so far, and by one less for each that is seen to
+go on behind it: a bump of the roof in a nod of the vehicle would close a drift for ever."""
+
 UNSEEN, FREE, WALL, GIVEN_UP = np.uint8(0), np.uint8(1), np.uint8(2), np.uint8(3)
 """What is known of a cell; what could not be seen from where it was looked for is given up."""
 
@@ -32,32 +36,44 @@ class GroundGrid(NamedTuple):
     Attributes:
         cells: (levels, rows, columns) what is known.
         ground_dm: (levels, rows, columns) height of the ground there, in dm; nothing where the cell is unseen.
+        belief: (levels, rows, columns) how well a wall is believed.
     """
 
     cells: NDArray[np.uint8]
     ground_dm: NDArray[np.int16]
+    belief: NDArray[np.int8]
 
     @classmethod
     def unseen(cls, rows: int, columns: int, levels: int = 1) -> GroundGrid:
         """A grid of which nothing is known."""
-        return cls(np.zeros((levels, rows, columns), np.uint8), np.zeros((levels, rows, columns), np.int16))
+        shape = (levels, rows, columns)
+        return cls(np.zeros(shape, np.uint8), np.zeros(shape, np.int16), np.zeros(shape, np.int8))
 
     def with_level(self) -> GroundGrid:
         """The same with room for one more level."""
         above = self.unseen(*self.cells.shape[1:])
-        return GroundGrid(np.concatenate([self.cells, above.cells]), np.concatenate([self.ground_dm, above.ground_dm]))
+        return GroundGrid(
+            np.concatenate([self.cells, above.cells]),
+            np.concatenate([self.ground_dm, above.ground_dm]),
+            np.concatenate([self.belief, above.belief]),
+        )
 
     def part(self, rows: slice, columns: slice) -> GroundGrid:
         """A view of a part."""
-        return GroundGrid(self.cells[:, rows, columns], self.ground_dm[:, rows, columns])
+        at = (slice(None), rows, columns)
+        return GroundGrid(self.cells[at], self.ground_dm[at], self.belief[at])
 
     def grown(self) -> GroundGrid:
         """Twice as large about the same centre."""
         levels, rows, columns = self.cells.shape
         larger = self.unseen(2 * rows, 2 * columns, levels)
         middle = larger.part(slice(rows // 2, rows // 2 + rows), slice(columns // 2, columns // 2 + columns))
-        middle.cells[:], middle.ground_dm[:] = self.cells, self.ground_dm
+        middle.cells[:], middle.ground_dm[:], middle.belief[:] = self
         return larger
+
+    def copy(self) -> GroundGrid:
+        """The same, by itself."""
+        return GroundGrid(self.cells.copy(), self.ground_dm.copy(), self.belief.copy())
 
 
 @compiled
@@ -87,7 +103,7 @@ def step_to(grid: GroundGrid, level: int, row: int, column: int, to_row: int, to
 
 @compiled
 def enter(grid: GroundGrid, row: int, column: int, ground_dm: int, what: np.uint8) -> bool:
-    """Enter what is seen of a cell: a wall stays one, what is unseen or given up becomes it.
+    """Enter what is seen of a cell: a wall stays one until `doubt` clears it, what is unseen or given up becomes it.
 
     Returns:
         whether there was a level for it.
@@ -98,11 +114,26 @@ def enter(grid: GroundGrid, row: int, column: int, ground_dm: int, what: np.uint
             if grid.cells[free, row, column] == UNSEEN:
                 grid.cells[free, row, column] = what
                 grid.ground_dm[free, row, column] = ground_dm
+                grid.belief[free, row, column] = HIT_WEIGHT
                 return True
         return False
-    if what == WALL or grid.cells[level, row, column] == GIVEN_UP:
+    if what == WALL:
+        before = grid.belief[level, row, column] if grid.cells[level, row, column] == WALL else 0
+        grid.belief[level, row, column] = min(before + HIT_WEIGHT, MOST_WEIGHT)
+        grid.cells[level, row, column] = WALL
+    elif grid.cells[level, row, column] == GIVEN_UP:
         grid.cells[level, row, column] = what
     return True
+
+
+@compiled
+def doubt(grid: GroundGrid, row: int, column: int, ground_dm: int) -> None:
+    """A ray goes on well behind a cell: a wall there is believed less, and in the end it is free."""
+    level = level_at(grid, row, column, ground_dm)
+    if level >= 0 and grid.cells[level, row, column] == WALL:
+        grid.belief[level, row, column] -= 1
+        if grid.belief[level, row, column] <= 0:
+            grid.cells[level, row, column] = FREE
 
 
 @compiled

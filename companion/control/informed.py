@@ -26,9 +26,6 @@ LEAST_CLUSTER = 3
 TRACE_CELLS = 20
 """So far a boundary is followed in thought; from there on the way over known ground counts."""
 
-TURN_M_PER_RAD = 0.5
-"""What the first turn costs, as a way: 0.8 s at 0.6 rad/s."""
-
 Steps = NDArray[np.int32]
 
 
@@ -70,8 +67,14 @@ class Ways:
     room: NDArray[np.uint8]
     steps: Steps
 
-    def way(self, place: Place, yaw_rad: float) -> Way | None:
-        """From a place, for a vehicle that points there; None when no way is known."""
+    def way(self, place: Place, yaw_rad: float, turn_m_per_rad: float) -> Way | None:
+        """From a place, for a vehicle that points there; None when no way is known.
+
+        Args:
+            place: where it is.
+            yaw_rad: where it points.
+            turn_m_per_rad: what the first turn costs: the way that it could fly meanwhile.
+        """
         window = self.window
         row, column = window.cell(place)
         path = _path(window.grid, self.steps, self.room, row, column, place.ground_dm)
@@ -82,7 +85,16 @@ class Ways:
         goal = window.middle(*(int(at) for at in path[-1]))
         bearing_rad = math.atan2(straight.y_m - place.y_m, straight.x_m - place.x_m) - yaw_rad
         turn_rad = abs(math.remainder(bearing_rad, 2.0 * math.pi))
-        return Way(int(self.steps[tuple(path[0])]) * window.cell_m + TURN_M_PER_RAD * turn_rad, straight, goal)
+        return Way(int(self.steps[tuple(path[0])]) * window.cell_m + turn_m_per_rad * turn_rad, straight, goal)
+
+    def is_goal(self, place: Place) -> bool:
+        """Whether the unseen still begins there; also where that is not known, beyond what was searched."""
+        row, column = self.window.cell(place)
+        _, rows, columns = self.steps.shape
+        if not (0 <= row < rows and 0 <= column < columns):
+            return True
+        level = level_at(self.window.grid, row, column, place.ground_dm)
+        return bool(level >= 0 and self.steps[level, row, column] == 0)
 
     def along_m(self, start: WallFollowing) -> float:
         """Length of the way to the unseen for whoever follows a wall from there first; infinite when there is none."""

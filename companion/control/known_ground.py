@@ -16,23 +16,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled
-from companion.control.ground_grid import FREE, GIVEN_UP, MOST_LEVELS, UNSEEN, WALL, GroundGrid, enter, level_at
-from companion.model import HIT, UNKNOWN, Measurement, Pose, Scan
+from companion.control.ground_grid import FREE, GIVEN_UP, MOST_LEVELS, UNSEEN, WALL, GroundGrid, doubt, enter, level_at
+from companion.model import HIT, UNKNOWN, Measurement, Pose, Scan, wrap_rad
 
-CELL_M = 0.5
-"""Size of a cell: a fraction of any drift that a vehicle fits through, and few enough cells for a search in a tick."""
+CELL_M, CELL_SHARE = 0.5, 0.625
+"""Size of a cell: so much at most, and that share of d_c. A vehicle for narrow drifts needs smaller ones: the cells
+beside a wall count as too near to it, and with 0.5 m a drift 2 m wide has no others."""
 
-LOOK_M, LOOK_DEEP_M = 5.0, 1.0
+LOOK_M, LOOK_DEEP_M, LAST_M = 5.0, 1.0, 0.5
 """Ground counts as seen as far as this, and where the roof is so high that it comes into the picture only there, so
-much further."""
+much further. The last half metre counts in any case."""
+
+DOUBTED_M = 1.0
+"""A wall is doubted by what is seen so far behind it: the rays along a wall pass through its cells as well."""
+
+LEAST_LOOK_SHARE = 0.7
+"""Of the reach of the map, however high the roof is: there walls and floor are mapped, if not the roof."""
 
 FIRST_CELLS, MOST_CELLS = 256, 2048
-"""Side of the grid at the start and at most, in cells: 128 m, doubled as needed up to 1 km. Ground outside of the
-largest grid counts as seen, so that it does not attract."""
+"""Side of the grid at the start and at most, in cells: 128 m with the largest cells, doubled as needed up to 1 km.
+Ground outside of the largest grid counts as seen, so that it does not attract."""
 
 SEARCH_CELLS = 384
-"""Side of the window about the vehicle in which ways are searched, in cells: 192 m, about two milliseconds. Beyond it
-everything counts as seen, so that the nearer unseen ground decides."""
+"""Side of the window about the vehicle in which ways are searched, in cells: 192 m with the largest, two milliseconds.
+Beyond it everything counts as seen, so that the nearer unseen ground decides."""
 
 MOST_BLOCKED = 256
 """Places through which no way leads, the newest."""
@@ -47,31 +54,40 @@ class Outlook(NamedTuple):
     Attributes:
         down: how far ahead its lowest ray meets a floor that lies a metre below; infinite when it never does.
         up: the same for its highest ray, and a roof a metre above.
-        reach_m: how far the map believes it.
+        towards_rad: where it looks, to the left.
+        half_width_rad: how far to each side of that it sees.
+        reach_m: how far the map believes it, along a ray.
     """
 
     down: float
     up: float
+    towards_rad: float
+    half_width_rad: float
     reach_m: float
 
     @classmethod
-    def of(cls, lowest_rad: float, highest_rad: float, reach_m: float) -> Outlook:
-        """That of a camera whose image ends at these elevations, upward positive."""
+    def of(
+        cls, lowest_rad: float, highest_rad: float, rightmost_rad: float, leftmost_rad: float, reach_m: float
+    ) -> Outlook:
+        """That of a camera whose image ends at these elevations, upward positive, and bearings, to the left."""
         down, up = (1.0 / math.tan(off) if off > 0.0 else math.inf for off in (-lowest_rad, highest_rad))
-        return cls(down, up, reach_m)
+        towards_rad, half_width_rad = (leftmost_rad + rightmost_rad) / 2.0, (leftmost_rad - rightmost_rad) / 2.0
+        return cls(down, up, towards_rad, half_width_rad, reach_m)
 
     def seen_m(self, h_m: float, roof_m: float) -> tuple[float, float]:
-        """Between which distances ground counts as seen, floor and roof being so far below and above.
+        """Between which distances ground ahead counts as seen, floor and roof being so far below and above.
 
         Nearer they lie outside of the picture, and what is only passed beside or in a turn stays unseen: corners most
-        of all. Under a roof that never comes into the picture the furthest half metre counts.
+        of all. Under a roof that never comes into the picture the furthest half metre counts. Aside, at a bearing β,
+        they come into the picture 1/cos β as far away: the picture is flat.
         """
         from_m = max(h_m * self.down, roof_m * self.up)
-        to_m = min(max(LOOK_M, from_m + LOOK_DEEP_M), self.reach_m)
-        return max(min(from_m, to_m - CELL_M), 0.0), to_m
+        believed_m = math.sqrt(max(self.reach_m**2 - max(h_m, roof_m) ** 2, 0.0))
+        to_m = min(max(LOOK_M, from_m + LOOK_DEEP_M), max(believed_m, LEAST_LOOK_SHARE * self.reach_m))
+        return max(min(from_m, to_m - LAST_M), 0.0), to_m
 
 
-UPRIGHT_57_DEG = Outlook.of(-math.radians(28.5), math.radians(28.5), 6.0)
+UPRIGHT_57_DEG = Outlook.of(-math.radians(28.5), math.radians(28.5), -math.radians(43.0), math.radians(43.0), 6.0)
 """That of the camera of preset flight."""
 
 
@@ -87,6 +103,10 @@ class Place:
     def under(cls, pose: Pose, h_m: float | None) -> Place:
         """The ground below a vehicle; where h is not known, as if it flew at its own height."""
         return cls(pose.x_m, pose.y_m, pose.z_m - (0.0 if h_m is None else h_m))
+
+    def bearing_rad(self, pose: Pose) -> float:
+        """Bearing from a vehicle."""
+        return wrap_rad(math.atan2(self.y_m - pose.y_m, self.x_m - pose.x_m) - pose.yaw_rad)
 
     @property
     def ground_dm(self) -> int:
@@ -126,10 +146,12 @@ class KnownGround:
 
     Args:
         outlook: what the camera sees of floor and roof.
+        cell_m: side of a cell.
     """
 
-    def __init__(self, outlook: Outlook = UPRIGHT_57_DEG) -> None:
+    def __init__(self, outlook: Outlook = UPRIGHT_57_DEG, cell_m: float = CELL_M) -> None:
         self._outlook = outlook
+        self._cell_m = cell_m
         self._grid = GroundGrid.unseen(FIRST_CELLS, FIRST_CELLS)
         self._origin: tuple[float, float] | None = None
         self._blocked: deque[Place] = deque(maxlen=MOST_BLOCKED)
@@ -140,7 +162,7 @@ class KnownGround:
         if scan is None:
             return
         if self._origin is None:
-            half_m = FIRST_CELLS * CELL_M / 2.0
+            half_m = FIRST_CELLS * self._cell_m / 2.0
             self._origin = (pose.x_m - half_m, pose.y_m - half_m)
         while not self._holds(pose) and self._grow():
             pass
@@ -150,14 +172,17 @@ class KnownGround:
         from_m, to_m = self._outlook.seen_m(h_m, _first(measurement.roof_m, h_m))
         had_room = _see(
             self._grid,
-            (pose.x_m - self._origin[0]) / CELL_M,
-            (pose.y_m - self._origin[1]) / CELL_M,
+            (pose.x_m - self._origin[0]) / self._cell_m,
+            (pose.y_m - self._origin[1]) / self._cell_m,
             pose.yaw_rad,
             scan,
             from_m,
             to_m,
+            self._outlook.towards_rad,
+            self._outlook.half_width_rad,
             below.ground_dm,
             measurement.ground_slope or 0.0,
+            self._cell_m,
         )
         if not had_room and len(self._grid.cells) < MOST_LEVELS:
             # What had no room is entered with the next look.
@@ -173,13 +198,11 @@ class KnownGround:
         left = min(max(column - size // 2, 0), side - size)
         low = min(max(row - size // 2, 0), side - size)
         part = self._grid.part(slice(low, low + size), slice(left, left + size))
-        low_x_m, low_y_m = self._origin[0] + left * CELL_M, self._origin[1] + low * CELL_M
-        window = Window(
-            GroundGrid(part.cells.copy(), part.ground_dm.copy()), np.empty((0, 3), np.int64), low_x_m, low_y_m, CELL_M
-        )
+        low_x_m, low_y_m = self._origin[0] + left * self._cell_m, self._origin[1] + low * self._cell_m
+        window = Window(part.copy(), np.empty((0, 3), np.int64), low_x_m, low_y_m, self._cell_m)
         blocked = np.array([(*window.cell(place), place.ground_dm) for place in self._blocked], np.int64).reshape(-1, 3)
         inside = np.all((blocked[:, :2] >= 1) & (blocked[:, :2] < size - 1), axis=1)
-        return Window(window.grid, blocked[inside], low_x_m, low_y_m, CELL_M)
+        return Window(window.grid, blocked[inside], low_x_m, low_y_m, self._cell_m)
 
     def block(self, place: Place) -> None:
         """No way leads through the cells about this place any more."""
@@ -190,7 +213,7 @@ class KnownGround:
         if self._origin is None:
             return
         column, row = self._cell(place.x_m, place.y_m)
-        _give_up(self._grid, row, column, math.ceil(radius_m / CELL_M), place.ground_dm)
+        _give_up(self._grid, row, column, math.ceil(radius_m / self._cell_m), place.ground_dm)
 
     def take_up_again(self) -> None:
         """What was given up attracts again, and what was blocked may be tried again."""
@@ -204,11 +227,11 @@ class KnownGround:
     def _cell(self, x_m: float, y_m: float) -> tuple[int, int]:
         """Column and row of a point."""
         assert self._origin is not None  # noqa: S101 - set by the first look
-        return math.floor((x_m - self._origin[0]) / CELL_M), math.floor((y_m - self._origin[1]) / CELL_M)
+        return math.floor((x_m - self._origin[0]) / self._cell_m), math.floor((y_m - self._origin[1]) / self._cell_m)
 
     def _holds(self, pose: Pose) -> bool:
         assert self._origin is not None  # noqa: S101 - set by the first look
-        side_m = self._side * CELL_M
+        side_m = self._side * self._cell_m
         border_m = LOOK_M + 1.0
         x, y = pose.x_m - self._origin[0], pose.y_m - self._origin[1]
         return border_m < x < side_m - border_m and border_m < y < side_m - border_m
@@ -220,7 +243,7 @@ class KnownGround:
         if side >= MOST_CELLS:
             return False
         self._grid = self._grid.grown()
-        self._origin = (self._origin[0] - side / 2 * CELL_M, self._origin[1] - side / 2 * CELL_M)
+        self._origin = (self._origin[0] - side / 2 * self._cell_m, self._origin[1] - side / 2 * self._cell_m)
         return True
 
 
@@ -248,32 +271,43 @@ def _see(
     scan: Scan,
     seen_from_m: float,
     seen_to_m: float,
+    towards_rad: float,
+    half_width_rad: float,
     ground_dm: int,
     slope: float,
+    cell_m: float,
 ) -> bool:
     """Enter a scan made at a place that is given in cells, above ground that rises ahead by the slope.
 
     Returns:
         whether the grid had a level for all of it.
     """
-    look_from, look = seen_from_m / CELL_M, seen_to_m / CELL_M
+    look_from, look, last = seen_from_m / cell_m, seen_to_m / cell_m, LAST_M / cell_m
     side = grid.cells.shape[1]
     had_room = True
     for i in range(scan.bearings_rad.size):
         if scan.state[i] == UNKNOWN or not scan.fresh[i]:
             continue
-        wall, range_cells = scan.state[i] == HIT, scan.ranges_m[i] / CELL_M
+        wall, range_cells = scan.state[i] == HIT, scan.ranges_m[i] / cell_m
         dx = np.cos(yaw_rad + scan.bearings_rad[i])
         dy = np.sin(yaw_rad + scan.bearings_rad[i])
-        rise_dm = 10.0 * CELL_M * slope * np.cos(scan.bearings_rad[i])
+        rise_dm = 10.0 * cell_m * slope * np.cos(scan.bearings_rad[i])
         # Free up to half a cell before the obstacle, so that the cell of a wall does not become free at a slant.
         free = min(range_cells - 0.5, look) if wall else min(range_cells, look)
-        distance = look_from
+        aside_rad = abs((scan.bearings_rad[i] - towards_rad + np.pi) % (2.0 * np.pi) - np.pi)
+        distance = min(look_from / np.cos(aside_rad), look - last) if aside_rad <= half_width_rad else np.inf
         while distance <= free:
             column, row = int(np.floor(x + distance * dx)), int(np.floor(y + distance * dy))
             if 0 <= row < side and 0 <= column < side:
                 had_room &= enter(grid, row, column, int(ground_dm + distance * rise_dm), FREE)
             distance += 0.5
+        behind = DOUBTED_M / cell_m
+        distance = 0.5
+        while distance <= min(range_cells, look) - behind:
+            column, row = int(np.floor(x + distance * dx)), int(np.floor(y + distance * dy))
+            if 0 <= row < side and 0 <= column < side:
+                doubt(grid, row, column, int(ground_dm + distance * rise_dm))
+            distance += 1.0
         if wall and range_cells <= look:
             column, row = int(np.floor(x + range_cells * dx)), int(np.floor(y + range_cells * dy))
             if 0 <= row < side and 0 <= column < side:

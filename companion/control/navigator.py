@@ -12,7 +12,7 @@ from companion.control.decisions import Choice, LapCounter, TangentLedger
 from companion.control.edges import Edge
 from companion.control.governor import ROOM_M, governed_speed_mps
 from companion.control.informed import Way
-from companion.control.known_ground import UPRIGHT_57_DEG, KnownGround, Outlook
+from companion.control.known_ground import CELL_M, CELL_SHARE, UPRIGHT_57_DEG, KnownGround, Outlook, Place
 from companion.control.panorama import Panorama
 from companion.control.parameters import Parameters
 from companion.control.ramp import Ramp
@@ -35,6 +35,9 @@ LEAD_S, LEAD_SHARE = 1.0, 0.4
 """The smooth law also looks at the wall from where the vehicle will be in so long, at most this share of d_s ahead. It
 turns away from what it comes to before that is the nearest, on an arc; it never turns towards a wall before it is
 there. More would take the far wall of a narrow crossing for one that it comes to."""
+
+AHEAD_RAD = math.radians(60.0)
+"""Within this bearing a way goes on as the same one, when what it led to has come into view."""
 
 FACED_RAD, CONFIRMED_M, UNCONFIRMED_S = math.radians(10.0), 4.0, 0.5
 """A way over known ground is confirmed by the scan as soon as the vehicle faces it, as far as depth is precise. An
@@ -78,10 +81,11 @@ class Navigator:
         self._gamma = self._either_side()
         self._circle_direction = self._either_side()
         self._target: Target | None = None
+        self._goal = Place(math.inf, math.inf, 0.0)
         half_turn_s = math.pi / parameters.max_yaw_rate_radps
         self._progress = Progress(parameters.target_timeout_factor * half_turn_s)
         self._ledger = TangentLedger(parameters.margin_m, FORGET_TANGENT_S)
-        self._ground = KnownGround(outlook)
+        self._ground = KnownGround(outlook, min(CELL_M, CELL_SHARE * parameters.critical_margin_m))
         self._choice = Choice(parameters, self._ground)
         self._laps = LapCounter()
         self._ramp = Ramp(parameters.max_accel_mps2, parameters.period_s)
@@ -226,7 +230,8 @@ class Navigator:
             return
         elif target.kind is TargetKind.KNOWN:
             # Its corridor is looked at all the way: walls beside it are no boundary that comes first.
-            return
+            if self._choice.has_been_seen(self._goal, pose, t_s):
+                self._go_on(scan, pose, t_s)
         elif measurement.d_bearing_rad is not None and self._boundary_comes_first(measurement):
             if target.kind is not TargetKind.WALL:
                 self._gamma = 1 if measurement.d_bearing_rad > 0.0 else -1
@@ -298,19 +303,47 @@ class Navigator:
         return True
 
     def _go(self, way: Way, pose: Pose, t_s: float) -> None:
+        self._goal = way.goal
         self._pursue_point(way.straight.x_m, way.straight.y_m, TargetKind.KNOWN, pose, t_s)
+
+    def _go_on(self, scan: Scan, pose: Pose, t_s: float) -> None:
+        """What a way led to has come into view: on to what is unseen then, ahead as the same way, else by a draw."""
+        way = self._onward(pose)
+        if way is not None and abs(way.straight.bearing_rad(pose)) > AHEAD_RAD:
+            self._draws += 1
+            if self._rng.random() < self.parameters.least_probability:
+                self._choice.refuse(t_s)
+                way = None
+            else:
+                self._accepted += 1
+        self._go_or_follow(way, scan, pose, t_s)
 
     def _arrive(self, target: Target, scan: Scan, pose: Pose, t_s: float) -> None:
         """At T_m the boundary is followed; at the end of a straight over known ground the next one is flown."""
         if target.kind is TargetKind.KNOWN:
-            way = self._choice.onward(pose)
-            if (
-                way is not None
-                and math.hypot(way.straight.x_m - pose.x_m, way.straight.y_m - pose.y_m) > self.parameters.margin_m
-            ):
-                self._go(way, pose, t_s)
-                return
-            self._gamma = self._choice.side(pose) or self._gamma
+            self._go_or_follow(self._onward(pose), scan, pose, t_s)
+        else:
+            self._follow(scan, pose, t_s)
+
+    def _onward(self, pose: Pose) -> Way | None:
+        """A straight of the way on that is worth flying; None where there is none."""
+        way = self._choice.onward(pose)
+        if (
+            way is None
+            or math.hypot(way.straight.x_m - pose.x_m, way.straight.y_m - pose.y_m) <= self.parameters.margin_m
+        ):
+            return None
+        return way
+
+    def _go_or_follow(self, way: Way | None, scan: Scan, pose: Pose, t_s: float) -> None:
+        if way is not None:
+            self._go(way, pose, t_s)
+            return
+        self._gamma = self._choice.side(pose) or self._gamma
+        self._follow(scan, pose, t_s)
+
+    def _follow(self, scan: Scan, pose: Pose, t_s: float) -> None:
+        """The boundary on Γ's side, unless it is the other one at which the vehicle is."""
         if boundary.is_on_the_other_side(scan, self._gamma, self.parameters):
             self._gamma = -self._gamma
         self._enter(Mode.BOUNDARY, pose, t_s)

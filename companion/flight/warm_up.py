@@ -168,7 +168,7 @@ def _decide(measurement: Measurement, pose: Pose, settings: Settings) -> None:
     ground.give_up(here, 1.0)
     ways = find_ways(ground, here)
     if ways is not None:
-        ways.way(here, 0.0)
+        ways.way(here, 0.0, 1.0)
         ways.along_m(WallFollowing(here, 0.0, 1))
 
 

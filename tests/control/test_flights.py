@@ -100,7 +100,13 @@ def test_the_same_seed_flies_the_same_flight(choice: str) -> None:
 
     def flight(seed: int) -> tuple[FloatArray, Any]:
         navigator = navigator_with(
-            seed, period_s=PERIOD_S, choice=choice, speed_law="governor", pause_s=1.0, tangent_probability=0.5
+            seed,
+            period_s=PERIOD_S,
+            choice=choice,
+            speed_law="governor",
+            pause_s=1.0,
+            tangent_probability=0.5,
+            least_probability=0.4,
         )
         return columns(fly(navigator, MINE, ORIGIN, 25.0)), navigator.status
 

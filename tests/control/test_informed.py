@@ -54,7 +54,7 @@ WEST_END, CROSSING = Place(2.25, 2.25, 0.0), Place(9.75, 2.25, 0.0)
 
 
 def level_ground(cells: NDArray[np.uint8]) -> GroundGrid:
-    return GroundGrid(cells[np.newaxis], np.zeros((1, *cells.shape), np.int16))
+    return GroundGrid(cells[np.newaxis], np.zeros((1, *cells.shape), np.int16), np.zeros((1, *cells.shape), np.int8))
 
 
 def known(plan: str = MINE) -> KnownGround:
@@ -77,7 +77,7 @@ def ways_at(ground: KnownGround, place: Place) -> Ways:
 
 
 def way_at(ground: KnownGround, place: Place, yaw_rad: float = EAST) -> Way:
-    way = ways_at(ground, place).way(place, yaw_rad)
+    way = ways_at(ground, place).way(place, yaw_rad, 0.5)
     assert way is not None
     return way
 
@@ -103,9 +103,21 @@ def test_it_leads_to_where_the_unseen_begins_and_first_straight_on() -> None:
 
 
 def test_what_lies_behind_costs_the_turn() -> None:
-    """Of two that are as far the one ahead is nearer: to turn round takes seconds."""
-    ahead, behind = (way_at(known(), WEST_END, yaw_rad).length_m for yaw_rad in (EAST, WEST))
-    assert behind - ahead == pytest.approx(0.5 * math.pi, abs=0.3)
+    """Of two that are as far the one ahead is nearer: the faster a vehicle flies, the more a turn costs it."""
+    for turn_m_per_rad in (0.5, 1.5):
+        ways = [ways_at(known(), WEST_END).way(WEST_END, yaw_rad, turn_m_per_rad) for yaw_rad in (EAST, WEST)]
+        ahead_m, behind_m = (way.length_m for way in ways if way is not None)
+        assert behind_m - ahead_m == pytest.approx(turn_m_per_rad * math.pi, rel=0.2)
+
+
+def test_a_goal_is_one_until_it_has_been_seen() -> None:
+    """Protects from flying to the end of a way whose goal is in view already; beyond what was searched it stays."""
+    ground = known()
+    goal = way_at(ground, WEST_END).goal
+    assert ways_at(ground, WEST_END).is_goal(goal)
+    ground._grid.cells[0, 56:70, 55:64] = FREE
+    assert not ways_at(ground, WEST_END).is_goal(goal)
+    assert ways_at(ground, WEST_END).is_goal(Place(1e4, 0.0, 0.0))
 
 
 def test_a_wall_that_leads_there_is_as_near_and_one_that_does_not_is_further() -> None:
@@ -122,7 +134,7 @@ def test_a_mine_that_was_seen_has_no_way() -> None:
     plan = MINE.replace("#.......#\n               #.......#", "#########\n               #.......#", 1)
     closed = "\n".join(line if len(line) < 39 or line.endswith("#") else line[:38] + "#" for line in plan.split("\n"))
     ways = ways_at(known(closed), WEST_END)
-    assert ways.way(WEST_END, EAST) is None
+    assert ways.way(WEST_END, EAST, 0.5) is None
     assert ways.along_m(WallFollowing(WEST_END, EAST, 1)) == math.inf
 
 
@@ -142,7 +154,7 @@ def test_where_the_scan_did_not_confirm_a_straight_no_way_leads_any_more() -> No
     ground = known()
     for y_m in (0.75, 2.25, 3.75):
         ground.block(Place(6.25, y_m, 0.0))
-    assert ways_at(ground, WEST_END).way(WEST_END, EAST) is None
+    assert ways_at(ground, WEST_END).way(WEST_END, EAST, 0.5) is None
     assert way_at(ground, CROSSING).goal.y_m > 7.0, "beyond it there still is one"
     ground.take_up_again()
     assert way_at(ground, WEST_END).goal.y_m > 7.0
@@ -192,7 +204,7 @@ def test_ways_are_the_shortest_and_end_in_the_unseen(seed: int, walls: float, un
     ways = Ways(ways_at(ground, Place(7.0, 7.0, 0.0)).window, room, steps)
     for x_m, y_m in rng.uniform(0.0, 15.0, (5, 2)):
         place = Place(float(x_m), float(y_m), 0.0)
-        way = ways.way(place, 0.0)
+        way = ways.way(place, 0.0, 0.5)
         along_m = ways.along_m(WallFollowing(place, float(rng.uniform(-4.0, 4.0)), 1))
         assert along_m >= 0.0
         if way is not None:

@@ -25,6 +25,9 @@ DRIFT = Scene([(-12.0, -2.0), (40.0, -2.0), (40.0, 2.0), (-12.0, 2.0)])
 
 H_M = 1.5
 
+ALL_ROUND = UPRIGHT_57_DEG._replace(half_width_rad=math.pi)
+"""As if it turned once round at each place; floor and roof come into the picture as early everywhere."""
+
 
 def at(x_m: float, y_m: float = 0.0, ground_m: float = 0.0) -> Pose:
     """A pose above a place, heading east."""
@@ -37,9 +40,10 @@ def look(ground: KnownGround, scene: Scene, pose: Pose, slope: float = 0.0) -> N
 
 def seen_along(scene: Scene, from_x_m: float, to_x_m: float, ground: KnownGround | None = None) -> KnownGround:
     """What is known after a flight along the x axis that looked all round, four times a metre."""
-    ground = KnownGround() if ground is None else ground
-    for x_m in np.arange(from_x_m, to_x_m + 0.01, 0.25):
-        look(ground, scene, at(float(x_m)))
+    ground = KnownGround(ALL_ROUND) if ground is None else ground
+    # Walls lie in the middle of cells, not at the edge between two.
+    for x_m in np.arange(from_x_m + 0.2, to_x_m + 0.21, 0.25):
+        look(ground, scene, at(float(x_m), 0.2))
     return ground
 
 
@@ -101,7 +105,7 @@ def test_the_wall_on_the_side_of_an_unseen_branch_leads_there_sooner(side: int) 
     into, past = way_m(ground, here, EAST, side), way_m(ground, here, EAST, -side)
     assert into < past
     # 6 m to the branch, 2 m to its mouth, 5 m of it seen, counted along the grid's axes: half as much again.
-    assert into <= 1.5 * (6.0 + 2.0 + 5.0)
+    assert into <= 1.6 * (6.0 + 2.0 + 5.0)
 
 
 def test_looking_again_changes_nothing() -> None:
@@ -155,7 +159,7 @@ def test_a_way_has_a_length_whatever_was_seen(seed: int, place: Place, direction
     assert way_m(ground, place, direction_rad, gamma) >= 0.0
     ways = find_ways(ground, place)
     assert ways is not None
-    way = ways.way(place, direction_rad)
+    way = ways.way(place, direction_rad, 0.5)
     assert way is None or 0.0 <= way.length_m < math.inf
 
 
@@ -166,8 +170,10 @@ class TestOutlook:
         """Protects the corners that are only passed: they were looked for by laps when they counted as seen."""
         assert UPRIGHT_57_DEG.seen_m(1.5, 1.5) == pytest.approx((2.76, 5.0), abs=0.01)
         level, tilted = (CameraSettings(mount_pitch_deg=pitch) for pitch in (0.0, 10.0))
-        assert Outlook.of(*level.elevations_rad(), 6.0) == pytest.approx(UPRIGHT_57_DEG)
-        assert Outlook.of(*tilted.elevations_rad(), 6.0).seen_m(1.5, 1.5)[0] > 4.0, "the roof is seen from further off"
+        assert Outlook.of(*level.elevations_rad(), *level.bearings_rad(), 6.0) == pytest.approx(UPRIGHT_57_DEG)
+        assert Outlook.of(*tilted.elevations_rad(), *tilted.bearings_rad(), 6.0).seen_m(1.5, 1.5)[0] > 4.0, (
+            "the roof is seen from further off"
+        )
 
     def test_a_high_roof_is_seen_from_further_away(self) -> None:
         """Protects the roof over a corner: 2.1 m above the vehicle it comes into the picture at 3.9 m."""
@@ -180,13 +186,34 @@ class TestOutlook:
 
     def test_what_never_comes_into_the_picture_holds_nobody_up(self) -> None:
         """Protects from a mine of which nothing ever counts as seen: a hall, or a camera that looks down."""
-        assert UPRIGHT_57_DEG.seen_m(1.5, 30.0) == (5.5, 6.0)
-        assert Outlook.of(-1.0, -0.1, 6.0).seen_m(1.5, 1.5) == (5.5, 6.0)
+        assert UPRIGHT_57_DEG.seen_m(1.5, 30.0) == pytest.approx((3.7, 4.2))
+        from_m, to_m = Outlook.of(-1.0, -0.1, -0.7, 0.7, 6.0).seen_m(1.5, 1.5)
+        assert from_m == to_m - 0.5
+
+    def test_aside_it_comes_into_the_picture_further_away(self) -> None:
+        """Protects the corners once more: the picture is flat, and at its edge lower; beyond it nothing is."""
+        hall = Scene([(-20.0, -20.0), (20.0, -20.0), (20.0, 20.0), (-20.0, 20.0)])
+        ground = KnownGround()
+        look(ground, hall, at(0.0))
+
+        def is_seen(distance_m: float, bearing_deg: float) -> bool:
+            bearing_rad = math.radians(bearing_deg)
+            window = ground.window(0.0, 0.0)
+            assert window is not None
+            row, column = window.cell(
+                Place(distance_m * math.cos(bearing_rad), distance_m * math.sin(bearing_rad), 0.0)
+            )
+            return level_at(window.grid, row, column, 0) >= 0
+
+        assert is_seen(3.25, 2.0)
+        assert not is_seen(3.0, 40.0)
+        assert is_seen(4.5, 40.0)
+        assert not is_seen(4.5, 60.0)
 
     @given(h_m=st.floats(0.0, 1e4), roof_m=st.floats(0.0, 1e4), reach_m=st.floats(0.5, 30.0))
     def test_there_is_always_something_to_see(self, h_m: float, roof_m: float, reach_m: float) -> None:
         """Whatever the heights: from nearer to further, and no further than the map believes."""
-        from_m, to_m = Outlook.of(-0.5, 0.4, reach_m).seen_m(h_m, roof_m)
+        from_m, to_m = Outlook.of(-0.5, 0.4, -0.7, 0.7, reach_m).seen_m(h_m, roof_m)
         assert 0.0 <= from_m < to_m <= reach_m
 
 
@@ -213,7 +240,7 @@ class TestLevels:
                 look(ground, room, at(0.0, float(y_m), ground_m=-6.0))
         window = ground.window(0.0, 0.0)
         assert window is not None
-        row, column = window.cell(Place(-2.75, 2.25, 0.0))
+        row, column = window.cell(Place(-2.75, 2.0, 0.0))
         upper, lower = (level_at(window.grid, row, column, ground_dm) for ground_dm in (0, -60))
         assert window.grid.cells[upper, row, column] == WALL
         assert window.grid.cells[lower, row, column] == FREE
@@ -221,12 +248,12 @@ class TestLevels:
     def test_a_ramp_is_one_way_from_level_to_level(self) -> None:
         """Protects from cutting a ramp: 15 % down over 40 m and the unseen at its end is reached over known ground."""
         ramp = Scene([(-12.0, -2.0), (60.0, -2.0), (60.0, 2.0), (-12.0, 2.0)])
-        ground = KnownGround()
+        ground = KnownGround(ALL_ROUND)
         for x_m in np.arange(-10.0, 40.0, 0.25):
             look(ground, ramp, at(float(x_m), ground_m=-0.15 * float(x_m)), slope=-0.15)
         ways = find_ways(ground, Place(-8.0, 0.0, 1.2))
         assert ways is not None
-        way = ways.way(Place(-8.0, 0.0, 1.2), EAST)
+        way = ways.way(Place(-8.0, 0.0, 1.2), EAST, 0.5)
         assert way is not None
         assert way.goal.x_m == pytest.approx(44.5, abs=1.0)
         assert way.goal.ground_m == pytest.approx(-0.15 * way.goal.x_m, abs=0.5)
@@ -255,6 +282,48 @@ class TestLevels:
             look(ground, DRIFT, at(0.0, ground_m=3.0 * k))
         assert len(ground._grid.cells) == 8
         assert way_m(ground, Place(4.0, 0.0, 0.0), WEST, 1) > 0.0
+
+
+class TestWalls:
+    """A wall is believed as long as nothing is seen behind it."""
+
+    def bump(self, ground: KnownGround) -> None:
+        """One look at a wall across the drift that is none, as a nod shows the roof."""
+        look(ground, Scene([(-12.0, -2.0), (4.0, -2.0), (4.0, 2.0), (-12.0, 2.0)]), at(0.0))
+
+    def test_one_that_was_none_goes_away(self) -> None:
+        """Protects the far end of a drift: closed by one wrong look, it was never flown into again."""
+        ground = KnownGround(ALL_ROUND)
+        self.bump(ground)
+        assert way_m(ground, Place(3.0, 0.0, 0.0), EAST, 1) > 1.0
+        for x_m in np.arange(0.0, 3.0, 0.5):
+            look(ground, DRIFT, at(float(x_m)))
+        ways = find_ways(ground, Place(3.0, 0.0, 0.0))
+        assert ways is not None
+        way = ways.way(Place(3.0, 0.0, 0.0), EAST, 0.5)
+        assert way is not None
+        assert way.goal.x_m > 5.0
+
+    def test_one_that_is_passed_along_stays(self) -> None:
+        """Protects the way: rays along a wall pass through its cells, and end in it further on."""
+        ground = seen_along(DRIFT, -10.0, 20.0)
+        window = ground.window(0.0, 0.0)
+        assert window is not None
+        for x_m in np.arange(-9.0, 20.0, 0.5):
+            for y_m in (-2.01, 2.01):
+                row, column = window.cell(Place(float(x_m), y_m, 0.0))
+                assert window.grid.cells[0, row, column] == WALL
+
+    def test_small_vehicles_know_the_ground_more_finely(self) -> None:
+        """Protects narrow drifts: with cells of 0.5 m a drift 2 m wide has none that is not beside a wall."""
+        narrow = Scene([(-12.0, -0.9), (40.0, -0.9), (40.0, 0.9), (-12.0, 0.9)])
+        for cell_m, leads_on in ((CELL_M, False), (0.25, True)):
+            ground = KnownGround(ALL_ROUND, cell_m)
+            for x_m in np.arange(-10.0, 0.01, 0.25):
+                look(ground, narrow, at(float(x_m)))
+            ways = find_ways(ground, Place(-5.0, 0.0, 0.0))
+            assert ways is not None
+            assert (ways.way(Place(-5.0, 0.0, 0.0), EAST, 0.5) is not None) is leads_on
 
 
 def test_a_measurement_without_height_is_entered_at_the_vehicles_own() -> None:

@@ -26,6 +26,7 @@ def offered(monkeypatch: pytest.MonkeyPatch, way: Way | None = WAY, then: Way | 
     monkeypatch.setattr(Choice, "better_way", lambda *_: way)
     monkeypatch.setattr(Choice, "onward", lambda *_: then)
     monkeypatch.setattr(Choice, "side", lambda *_: 1)
+    monkeypatch.setattr(Choice, "has_been_seen", lambda *_: False)
 
 
 def test_a_way_over_known_ground_is_taken_with_all_but_p_min(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -89,6 +90,34 @@ def test_while_it_turns_towards_it_nothing_need_be_confirmed(monkeypatch: pytest
         setpoint = navigator.step(measurement(behind), ORIGIN, DT_S * (i + 1))
         assert mode_of(navigator) is Mode.TANGENT
         assert setpoint.yaw_rate_radps != 0.0
+
+
+@pytest.mark.parametrize(
+    ("then", "draw", "mode", "draws"),
+    [
+        (Way(5.0, Place(6.0, 1.0, 0.0), Place(9.0, 1.0, 0.0)), 0.0, Mode.TANGENT, 1),
+        (Way(5.0, Place(-6.0, 1.0, 0.0), Place(-6.0, 1.0, 0.0)), 0.99, Mode.TANGENT, 2),
+        (Way(5.0, Place(-6.0, 1.0, 0.0), Place(-6.0, 1.0, 0.0)), 0.0, Mode.BOUNDARY, 2),
+        (None, 0.99, Mode.BOUNDARY, 1),
+    ],
+    ids=["ahead", "back", "back, refused", "nothing is left"],
+)
+def test_what_has_been_seen_from_afar_is_not_flown_to(
+    monkeypatch: pytest.MonkeyPatch, then: Way | None, draw: float, mode: Mode, draws: int
+) -> None:
+    """Protects the way: it ends when its goal is in view. Going on ahead is the same decision, turning back another."""
+    offered(monkeypatch)
+    navigator = in_boundary(-1, choice="informed", rng=Fixed(0.99))
+    navigator.step(beside(-1), ORIGIN, 0.0)
+    monkeypatch.setattr(Choice, "onward", lambda *_: then)
+    monkeypatch.setattr(Choice, "has_been_seen", lambda *_: True)
+    monkeypatch.setattr(navigator, "_rng", Fixed(draw))
+    navigator.step(OPEN, ORIGIN, DT_S)
+    assert (mode_of(navigator), navigator.status.draws) == (mode, draws)
+    if then is not None and mode is Mode.TANGENT:
+        target = navigator.status.target
+        assert target is not None
+        assert (target.x_m, target.y_m) == pytest.approx((then.straight.x_m, then.straight.y_m))
 
 
 def post(d_m: float, bearing_rad: float) -> float:
