@@ -101,7 +101,7 @@ def left_in(place: Path) -> set[str]:
 def shorten(monkeypatch: pytest.MonkeyPatch) -> None:
     """Drawing takes seconds: where the report is not what the test is about, it is a word."""
     monkeypatch.setattr(run_folder, "write_report", lambda path, _: path.write_text("report", encoding="utf-8"))
-    monkeypatch.setattr(run_folder, "overview_png", lambda _: b"picture")
+    monkeypatch.setattr(run_folder, "overview_png", lambda *_: b"picture")
 
 
 @pytest.fixture

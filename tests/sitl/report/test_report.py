@@ -19,7 +19,7 @@ from sitl.report import ReportData, overview_png, write_report
 from sitl.report.cards import State, key_figures, rows, seconds, shown, verdict
 from sitl.report.data import stretches, thinned
 from sitl.report.maps import below_cut, map_pictures
-from sitl.report.plan import mine_plan, section
+from sitl.report.plan import mine_plan, plan_of, section
 from sitl.report.splat import Camera, render
 from sitl.report.style import DPI, round_length_m
 from sitl.sim.flight_log import FlightLog
@@ -209,7 +209,7 @@ def test_a_long_flight_stays_a_small_file(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_the_overview_alone_is_the_first_picture_of_the_report(html: str) -> None:
-    assert overview_png(data()) == pictures(html)[0]
+    assert overview_png(data(), plan_of(data())) == pictures(html)[0]
 
 
 # Whole or not at all
