@@ -10,13 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 
-from companion.control.graph import Edge, EdgeKind, Exit, Graph, Left, Vertex
+from companion.control.graph import EdgeKind, Exit, Graph, Left, Vertex
+from companion.viewer.graphs import EDGE_COLOURS, EDGE_LABELS, UNVISITED, VISITED, edges_of, line_m, untaken
 from sitl.report.data import ReportData
 from sitl.report.plan import Plan, marker, plan_png
-from sitl.report.style import CRITICAL, FAINT_INK, GRAPH_COLOURS, GRAPH_LABELS, INK
+from sitl.report.style import FAINT_INK, INK
 
 _ARROW_IN = 0.17
-_STRAIGHT = (EdgeKind.TANGENT, EdgeKind.KNOWN, EdgeKind.WALL, EdgeKind.OPEN)
 
 
 def graph_png(data: ReportData, plan: Plan | None, graph: Graph) -> bytes:
@@ -24,51 +24,39 @@ def graph_png(data: ReportData, plan: Plan | None, graph: Graph) -> bytes:
 
     def draw(axes: Axes) -> list[Line2D]:
         handles = _draw_edges(axes, graph)
-        handles += _draw_exits(axes, graph.exits)
+        handles += _draw_exits(axes, untaken(graph))
         return handles + _draw_vertices(axes, graph.vertices)
 
     return plan_png(data, plan, draw)
 
 
 def _draw_edges(axes: Axes, graph: Graph) -> list[Line2D]:
-    """Arcs as they were flown first, segments from vertex to vertex; what was flown often is thicker.
-
-    Straights too short to lead to another vertex are left out.
-    """
+    """What was flown often is thicker."""
     handles = []
     for order, kind in enumerate(reversed(EdgeKind)):
-        edges = [e for e in graph.edges if e.kind is kind and (kind not in _STRAIGHT or e.start.vertex != e.end.vertex)]
+        edges = edges_of(graph, kind)
         if not edges:
             continue
         style = "--" if kind in (EdgeKind.WALL, EdgeKind.OPEN) else "-"
         axes.add_collection(
             LineCollection(
-                [_line(graph, edge) for edge in edges],
-                colors=GRAPH_COLOURS[kind],
+                [line_m(graph, edge)[:, :2] for edge in edges],
+                colors=EDGE_COLOURS[kind],
                 linewidths=[1.4 + 0.7 * min(edge.flown + edge.flown_back - 1, 4) for edge in edges],
                 linestyles=style,
                 capstyle="round",
                 zorder=3.0 + 0.1 * order,
             )
         )
-        handles.append(Line2D([], [], color=GRAPH_COLOURS[kind], lw=2.5, ls=style, label=GRAPH_LABELS[kind]))
+        handles.append(Line2D([], [], color=EDGE_COLOURS[kind], lw=2.5, ls=style, label=EDGE_LABELS[kind]))
     return handles[::-1]
 
 
-def _line(graph: Graph, edge: Edge) -> list[tuple[float, float]]:
-    (a, _), (b, _) = edge.start, edge.end
-    ends = [(vertex.x_m, vertex.y_m) for vertex in (graph.vertices[a], graph.vertices[b])]
-    between = [] if edge.kind in _STRAIGHT else [(float(x), float(y)) for x, y in edge.line_m[:, :2]]
-    return [ends[0], *between, ends[1]]
-
-
 def _draw_exits(axes: Axes, exits: Iterable[Exit]) -> list[Line2D]:
-    """Those that were not taken: a dotted line to T_m; red where nobody has come to it."""
+    """A dotted line to T_m; red where nobody has come to it."""
     handles = {}
     for exit_ in exits:
-        if exit_.left is Left.TAKEN:
-            continue
-        colour = FAINT_INK if exit_.visited else CRITICAL
+        colour = VISITED if exit_.visited else UNVISITED
         label = f"{exit_.left.value}, {'come to otherwise' if exit_.visited else 'never come to'}"
         shape = "x" if exit_.left is Left.DECLINED else "o"
         axes.plot((exit_.from_x_m, exit_.x_m), (exit_.from_y_m, exit_.y_m), color=colour, lw=1.2, ls=":", zorder=5)

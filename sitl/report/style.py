@@ -14,7 +14,6 @@ from matplotlib.image import imsave
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from companion.control.graph import EdgeKind
 from companion.model import Mode
 
 INK = "#1f2428"
@@ -31,22 +30,6 @@ MODE_LABELS = {
     Mode.TANGENT: "R2 flies a tangent",
     Mode.BOUNDARY: "R3 follows a wall",
     Mode.HOLD: "hold",
-}
-GRAPH_COLOURS = {
-    EdgeKind.CIRCLE: "#009e73",
-    EdgeKind.TANGENT: "#d55e00",
-    EdgeKind.BOUNDARY: "#0072b2",
-    EdgeKind.KNOWN: "#e69f00",
-    EdgeKind.WALL: "#cc79a7",
-    EdgeKind.OPEN: "#cc79a7",
-}
-GRAPH_LABELS = {
-    EdgeKind.CIRCLE: "initial circle",
-    EdgeKind.TANGENT: "tangent segment",
-    EdgeKind.BOUNDARY: "boundary arc",
-    EdgeKind.KNOWN: "over known ground",
-    EdgeKind.WALL: "to the nearest wall",
-    EdgeKind.OPEN: "out into the open",
 }
 VEHICLE_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", INK)
 SAFE, NEAR = "#0072b2", "#e69f00"
