@@ -181,13 +181,11 @@ class KnownGround:
         grid = GroundGrid(part.cells.copy(), part.ground_dm.copy())
         return self._with_blocked(Window(grid, NOWHERE, low_x_m, low_y_m, CELL_M), 1)
 
-    def seen(self) -> Window | None:
-        """A copy of all that has been seen, as far as it goes; None before anything has been."""
-        if self._origin is None:
-            return None
+    def seen(self) -> Window:
+        """A copy of all that has been seen, as far as it goes: without rows and columns before anything has been."""
         rows, columns = (np.flatnonzero(self._grid.cells.any(axis=axes)) for axes in ((0, 2), (0, 1)))
-        if len(rows) == 0:
-            return None
+        if self._origin is None or len(rows) == 0:
+            return Window(GroundGrid.unseen(0, 0), NOWHERE, 0.0, 0.0, CELL_M)
         part = self._grid.part(slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
         low_x_m, low_y_m = self._origin[0] + columns[0] * CELL_M, self._origin[1] + rows[0] * CELL_M
         grid = GroundGrid(part.cells.copy(), part.ground_dm.copy())

@@ -132,8 +132,7 @@ def write_run(folder: Path, simulation: Simulation, preset: str, config: Path | 
         of = "" if len(graphs) == 1 else f"-{flight.log.vehicle_id}"
         writers[f"graph{of}.json"] = functools.partial(write_graph, graph, origin_m=simulation.world.origin_m)
         ground = flight.navigator.known_ground.seen()
-        if ground is not None:
-            writers[f"known_ground{of}.npz"] = functools.partial(write_known_ground, ground)
+        writers[f"known_ground{of}.npz"] = functools.partial(write_known_ground, ground)
     writers["settings.yaml"] = lambda path: path.write_text(settings_yaml, encoding="utf-8")
 
     def map_file(path: Path) -> None:

@@ -50,8 +50,8 @@ def read_known_ground(path: Path) -> Window:
     cells, ground_dm, blocked = arrays["cells"], arrays["ground_dm"], arrays["blocked"]
     low_m, cell_m = arrays["low_m"], arrays["cell_m"]
     wrong = (
-        ("cells", cells.dtype == np.uint8 and cells.ndim == 3 and cells.size > 0 and cells.max() <= GIVEN_UP),
-        ("cells", cells.ndim == 3 and cells.shape[0] <= MOST_LEVELS and max(cells.shape[1:]) <= MOST_CELLS),
+        ("cells", cells.dtype == np.uint8 and cells.ndim == 3 and cells.max(initial=0) <= GIVEN_UP),
+        ("cells", cells.ndim == 3 and 0 < cells.shape[0] <= MOST_LEVELS and max(cells.shape[1:]) <= MOST_CELLS),
         ("ground_dm", ground_dm.dtype == np.int16 and ground_dm.shape == cells.shape),
         ("blocked", blocked.dtype == np.int64 and blocked.ndim == 2 and blocked.shape[1] == 3),
         ("low_m", low_m.dtype == np.float64 and low_m.shape == (2,) and bool(np.isfinite(low_m).all())),
