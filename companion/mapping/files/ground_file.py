@@ -6,6 +6,7 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
+from numpy.lib.npyio import NpzFile
 
 from companion.control.ground_grid import GIVEN_UP, MOST_LEVELS, GroundGrid
 from companion.control.known_ground import MOST_CELLS, Window
@@ -39,8 +40,10 @@ def read_known_ground(path: Path) -> Window:
         InputError: there is no such file, or it is not one that can be.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            if not hasattr(file, "files") or not _NAMES.issubset(file.files):
+        # Opened here: of what is no archive numpy leaves the file open.
+        with path.open("rb") as opened:
+            file = np.load(opened, allow_pickle=False)
+            if not isinstance(file, NpzFile) or not _NAMES.issubset(file.files):
                 raise InputError(f"{path}: is no known ground: it lacks one of {', '.join(sorted(_NAMES))}")
             arrays = {name: file[name] for name in _NAMES}
     except OSError as error:
