@@ -11,9 +11,9 @@ from companion.control.known_ground import Place
 from companion.control.recognition import LEVEL_M, SAME_M, Places, tolerance_m
 from companion.model import Pose
 
-GLIMPSED_S, FORGOTTEN_S = 1.0, 0.3
-"""A tangent out of reach counts when it is seen for so long, with no gap longer than the second: noise shows edges for
-a sample or two."""
+GLIMPSED_S, FORGOTTEN_S = 1.0, 0.5
+"""A tangent out of reach counts when it is seen for so long, with no gap longer than the second, a flicker of the scan:
+noise shows edges for a sample or two."""
 
 MOST_FLOWN = 50_000
 """Square metres of the plan through which the way has led, of which so many are remembered."""
