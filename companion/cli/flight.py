@@ -13,6 +13,7 @@ from typing import Annotated, Literal, NoReturn
 import typer
 
 from companion.cli.options import AsJson, Config, Preset
+from companion.errors import CompanionError, InputError
 
 Fix = Annotated[bool, typer.Option("--fix", help="Set the autopilot's parameters that a check finds wrong.")]
 Skip = Annotated[
@@ -73,6 +74,10 @@ def replay(
     config: Annotated[
         Path | None, typer.Option("--config", metavar="FILE", help="Other settings than it was flown with.")
     ] = None,
+    graph: Annotated[
+        Path | None,
+        typer.Option("--graph", metavar="FILE", help="New file for the navigation graph, such as graph.json."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of words.")] = False,
 ) -> None:
     """Fly a recording again through the present code, and compare the setpoints.
@@ -80,11 +85,20 @@ def replay(
     The exit code is 0 when every setpoint is the recorded one, 1 when some differ, 2 when the file is no recording.
     """
     from companion.config.load import load_settings
+    from companion.mapping.files.graph_file import write_graph
     from companion.recording.replay import replay as fly_again
 
+    if graph is not None and graph.exists():
+        raise InputError(f"--graph {graph}: exists already; give a new name")
     flown = fly_again(file, None if config is None else load_settings(config))
+    if graph is not None:
+        try:
+            write_graph(flown.graph, graph)
+        except OSError as error:
+            raise CompanionError(f"--graph {graph}: {error.strerror}; give a file that you may write") from None
     if as_json:
-        typer.echo(json.dumps(dataclasses.asdict(flown), indent=2))
+        shown = {field.name: getattr(flown, field.name) for field in dataclasses.fields(flown)}
+        typer.echo(json.dumps(shown | {"graph": flown.graph.counts()._asdict()}, indent=2))
     else:
         typer.echo(f"{flown.ticks} ticks flown again, {flown.compared} setpoints compared, {flown.differing} differ")
         if flown.first_difference_s is not None:

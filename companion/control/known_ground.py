@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -141,6 +141,10 @@ class Window:
         return Place(x_m, y_m, float(self.grid.ground_dm[level, row, column]) / 10.0)
 
 
+NOWHERE: NDArray[np.int64] = np.empty((0, 3), np.int64)
+"""Nothing is blocked."""
+
+
 class KnownGround:
     """A grid of unseen, free and wall cells about the place where the flight began, by levels.
 
@@ -199,10 +203,16 @@ class KnownGround:
         low = min(max(row - size // 2, 0), side - size)
         part = self._grid.part(slice(low, low + size), slice(left, left + size))
         low_x_m, low_y_m = self._origin[0] + left * self._cell_m, self._origin[1] + low * self._cell_m
-        window = Window(part.copy(), np.empty((0, 3), np.int64), low_x_m, low_y_m, self._cell_m)
-        blocked = np.array([(*window.cell(place), place.ground_dm) for place in self._blocked], np.int64).reshape(-1, 3)
-        inside = np.all((blocked[:, :2] >= 1) & (blocked[:, :2] < size - 1), axis=1)
-        return Window(window.grid, blocked[inside], low_x_m, low_y_m, self._cell_m)
+        return self._with_blocked(Window(part.copy(), NOWHERE, low_x_m, low_y_m, self._cell_m), 1)
+
+    def seen(self) -> Window:
+        """A copy of all that has been seen, as far as it goes: without rows and columns before anything has been."""
+        rows, columns = (np.flatnonzero(self._grid.cells.any(axis=axes)) for axes in ((0, 2), (0, 1)))
+        if self._origin is None or len(rows) == 0:
+            return Window(GroundGrid.unseen(0, 0), NOWHERE, 0.0, 0.0, self._cell_m)
+        part = self._grid.part(slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+        low_x_m, low_y_m = self._origin[0] + columns[0] * self._cell_m, self._origin[1] + rows[0] * self._cell_m
+        return self._with_blocked(Window(part.copy(), NOWHERE, float(low_x_m), float(low_y_m), self._cell_m), 0)
 
     def block(self, place: Place) -> None:
         """No way leads through the cells about this place any more."""
@@ -219,6 +229,13 @@ class KnownGround:
         """What was given up attracts again, and what was blocked may be tried again."""
         self._grid.cells[self._grid.cells == GIVEN_UP] = UNSEEN
         self._blocked.clear()
+
+    def _with_blocked(self, window: Window, border: int) -> Window:
+        """The same with what is blocked in it, so many cells from its border at least."""
+        blocked = np.array([(*window.cell(place), place.ground_dm) for place in self._blocked], np.int64).reshape(-1, 3)
+        most = np.array(window.grid.cells.shape[1:]) - border
+        inside = np.all((blocked[:, :2] >= border) & (blocked[:, :2] < most), axis=1)
+        return replace(window, blocked=blocked[inside])
 
     @property
     def _side(self) -> int:

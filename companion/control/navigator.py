@@ -11,6 +11,8 @@ from companion.control import boundary, climbing, edges, laws
 from companion.control.decisions import Choice, LapCounter, TangentLedger
 from companion.control.edges import Edge
 from companion.control.governor import ROOM_M, governed_speed_mps
+from companion.control.graph import EdgeKind
+from companion.control.graph_building import NavigationGraph
 from companion.control.informed import Way
 from companion.control.known_ground import CELL_M, CELL_SHARE, UPRIGHT_57_DEG, KnownGround, Outlook, Place
 from companion.control.panorama import Panorama
@@ -85,8 +87,11 @@ class Navigator:
         half_turn_s = math.pi / parameters.max_yaw_rate_radps
         self._progress = Progress(parameters.target_timeout_factor * half_turn_s)
         self._ledger = TangentLedger(parameters.margin_m, FORGET_TANGENT_S)
-        self._ground = KnownGround(outlook, min(CELL_M, CELL_SHARE * parameters.critical_margin_m))
-        self._choice = Choice(parameters, self._ground)
+        self.known_ground = KnownGround(outlook, min(CELL_M, CELL_SHARE * parameters.critical_margin_m))
+        """What has been seen of the plan; nothing when the choice is a coin."""
+        self.graph = NavigationGraph()
+        """G, as far as it has been met: nothing steers by it."""
+        self._choice = Choice(parameters, self.known_ground)
         self._laps = LapCounter()
         self._ramp = Ramp(parameters.max_accel_mps2, parameters.period_s)
         self._standing = Standing(parameters)
@@ -142,6 +147,7 @@ class Navigator:
         self._trail.note(pose)
         self._count_turning(pose)
         self._choice.see(measurement, pose)
+        self.graph.fly(measurement, pose, t_s)
         if self._mode is Mode.CIRCLE:
             self._leave_circle(scan, pose, t_s)
         elif self._mode is Mode.TANGENT:
@@ -206,6 +212,7 @@ class Navigator:
             if self._corridor_is_free(scan, edge):
                 self._pursue(edge, pose, t_s)
                 return
+            self.graph.glimpse(*_tangent_point(edge, pose), edge.gamma, pose)
         if abs(self._turned_rad) < 2.0 * math.pi:
             return
         around = self._panorama.scan(scan, pose)
@@ -279,6 +286,7 @@ class Navigator:
             if edge.gamma == self._gamma and edges.lies_along_boundary(scan, edge, self.parameters.margin_m):
                 continue
             if not self._corridor_is_free(scan, edge):
+                self.graph.glimpse(*_tangent_point(edge, pose), edge.gamma, pose)
                 continue
             self._ledger.decide(x_m, y_m, edge.gamma, t_s)
             self._draws += 1
@@ -287,6 +295,7 @@ class Navigator:
                 self._pursue(edge, pose, t_s)
             else:
                 self._pause_until_s = t_s + self.parameters.pause_s
+                self.graph.decline(EdgeKind.TANGENT, *_tangent_point(edge, pose), edge.gamma, pose)
             return
 
     def _takes_better_way(self, pose: Pose, t_s: float) -> bool:
@@ -297,6 +306,7 @@ class Navigator:
         self._draws += 1
         if self._rng.random() < self.parameters.least_probability:
             self._choice.refuse(t_s)
+            self.graph.decline(EdgeKind.KNOWN, way.straight.x_m, way.straight.y_m, self._gamma, pose)
             return False
         self._accepted += 1
         self._go(way, pose, t_s)
@@ -313,6 +323,7 @@ class Navigator:
             self._draws += 1
             if self._rng.random() < self.parameters.least_probability:
                 self._choice.refuse(t_s)
+                self.graph.decline(EdgeKind.KNOWN, way.straight.x_m, way.straight.y_m, self._gamma, pose)
                 way = None
             else:
                 self._accepted += 1
@@ -424,6 +435,7 @@ class Navigator:
         self._laps.begin()
         if mode is not Mode.TANGENT:
             self._target = None
+        self.graph.enter(mode, self._gamma, self._target, pose)
         if mode is Mode.CIRCLE:
             self._circle_direction = self._either_side()
             self._panorama.begin()
@@ -443,6 +455,10 @@ class Navigator:
 
     def _either_side(self) -> int:
         return 1 if self._rng.random() < 0.5 else -1
+
+
+def _tangent_point(edge: Edge, pose: Pose) -> tuple[float, float]:
+    return world_point(pose, edge.target_bearing_rad, edge.target_range_m)
 
 
 def _is_finite(measurement: Measurement, pose: Pose) -> bool:

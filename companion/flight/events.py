@@ -87,6 +87,9 @@ class Event(enum.Enum):
     BROKE_OFF = Texts(kind=content.ENDED, recorded="{why}", severity=_ERROR)
     MAP_WRITING = Texts("writing the map")
     MAP_STILL_WRITTEN = Texts("writing the map: a moment; interrupt once more to end with what is there")
+    GRAPH_NOT_WRITTEN = Texts(
+        "the navigation graph was not written: {error}; companion replay --graph makes it of the recording"
+    )
     MAP_NOT_WRITTEN = Texts("the map was not written: {error}")
     SUMMARY_NOT_WRITTEN = Texts("summary.json was not written: {error}; it would be {summary}")
     OVER = Texts("{why}: {files} map files are in {map_folder}, the recording in {folder}")

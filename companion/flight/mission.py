@@ -24,6 +24,7 @@ from companion.flight.airborne import Airborne
 from companion.flight.events import Event, EventEmitter, console, recording, status_text
 from companion.flight.gate_client import GateClient
 from companion.flight.gate_socket import GateSocket
+from companion.flight.navigation_files import Navigation
 from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands, UnfinishedError
 from companion.flight.phase import PhaseEvent, PhaseMachine
 from companion.flight.preflight import CheckResult
@@ -160,10 +161,12 @@ class _Flight:
                 # The vehicle holds or lands by now; what was flown for must not be lost with the flight.
                 broke_off, why = error, f"broke off: {error}"
                 events.emit(Event.BROKE_OFF, why=why)
-            files, problem = await self._save(mapper)
+            navigation = Navigation.of(explorer.navigator)
+            files, problem = await self._save(mapper, navigation, map_folder, folder)
             summary = self._summary(why, results, mapper, recorder) | {
                 "explored_s": round(airborne.explored_s, 1),
                 "map_folder": str(map_folder),
+                "graph": navigation.graph.counts()._asdict(),
                 "map_problem": problem,
             }
         try:
@@ -201,12 +204,22 @@ class _Flight:
             clock=self._session.clock,
         )
 
-    async def _save(self, mapper: MapClient) -> tuple[list[Path], str | None]:
+    async def _save(
+        self, mapper: MapClient, navigation: Navigation, map_folder: Path, folder: Path
+    ) -> tuple[list[Path], str | None]:
         """The files of the map, or why there are none: a full disk must not end what comes after a flight."""
         events = self._events
         events.emit(Event.MAP_WRITING)
+
+        async def write() -> list[Path]:
+            try:
+                await asyncio.to_thread(navigation.write, map_folder, folder)
+            except OSError as error:
+                events.emit(Event.GRAPH_NOT_WRITTEN, error=error)
+            return await mapper.save()
+
         try:
-            return await self._operator.finish(mapper.save(), lambda: events.emit(Event.MAP_STILL_WRITTEN)), None
+            return await self._operator.finish(write(), lambda: events.emit(Event.MAP_STILL_WRITTEN)), None
         except (MapError, UnfinishedError) as error:
             events.emit(Event.MAP_NOT_WRITTEN, error=error)
             return [], str(error)

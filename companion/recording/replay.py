@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from companion.config.settings import Settings
+from companion.control.graph import Graph
 from companion.errors import InputError
 from companion.pipeline import Explorer
 from companion.recording import Recording, open_recording
@@ -33,6 +34,7 @@ class Replay:
         first_difference_s: time of the first of these, on the clock of the flight.
         largest_difference: of speed and climb in m/s and yaw rate in rad/s, the largest.
         stopped: why it ended before the recording did; ``None`` when it did not.
+        graph: the navigation graph of what was flown again.
     """
 
     ticks: int
@@ -41,6 +43,7 @@ class Replay:
     first_difference_s: float | None
     largest_difference: float
     stopped: str | None
+    graph: Graph
 
 
 def replay(path: Path, settings: Settings | None = None) -> Replay:
@@ -85,7 +88,8 @@ def replay(path: Path, settings: Settings | None = None) -> Replay:
             differing += 1
             first_s = observation.t_s if first_s is None else first_s
             largest = max(largest, float(np.max(off)))
-    return Replay(ticks, compared, differing, first_s, largest, stopped or recording.damage)
+    graph = explorer.navigator.graph.finish()
+    return Replay(ticks, compared, differing, first_s, largest, stopped or recording.damage, graph)
 
 
 @dataclass(frozen=True, slots=True)

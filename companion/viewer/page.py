@@ -10,7 +10,7 @@ import io
 import math
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, field
 
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from companion.errors import InputError
 from companion.mapping.files.clouds import viridis
 from companion.model import FloatArray
+from companion.viewer.graphs import GraphLines
 from companion.viewer.voxels import PackedVoxels, State
 
 MOST_LAYERS = 48
@@ -94,6 +95,8 @@ class Page:
     server: viser.ViserServer
     note: str
     layers: list[_Layer] = field(default_factory=list)
+    graph: dict[str, viser.LineSegmentsHandle] = field(default_factory=dict)
+    """Lines of navigation graphs by what they are."""
 
     @property
     def port(self) -> int:
@@ -107,7 +110,13 @@ class Page:
 
 @contextmanager
 def serve(
-    voxels: PackedVoxels, title: str, ways: dict[str, FloatArray], host: str, port: int, most_points: int
+    voxels: PackedVoxels,
+    title: str,
+    ways: dict[str, FloatArray],
+    host: str,
+    port: int,
+    most_points: int,
+    lines: Sequence[GraphLines] = (),
 ) -> Iterator[Page]:
     """Serve a map while the block runs.
 
@@ -118,6 +127,7 @@ def serve(
         host: address to listen at.
         port: port there.
         most_points: occupied voxels are shown coarser when there are more; so are the others.
+        lines: navigation graphs.
 
     Raises:
         InputError: nothing can listen there.
@@ -132,6 +142,7 @@ def serve(
         server.gui.configure_theme(show_logo=False, show_share_button=False)
         server.scene.set_up_direction("+z")
         _draw(page, clouds, ways)
+        _draw_graphs(page, lines)
         _control(page, voxels, title, list(ways))
         yield page
     finally:
@@ -194,6 +205,18 @@ def _draw(page: Page, clouds: dict[State, Cloud], ways: dict[str, FloatArray]) -
             scene.add_line_segments(f"/way/{name}", lines, colour, thickness=3.0, thickness_units="screen")
 
 
+def _draw_graphs(page: Page, lines: Sequence[GraphLines]) -> None:
+    for drawn in lines:
+        rgb = int(drawn.colour[1:3], 16), int(drawn.colour[3:5], 16), int(drawn.colour[5:7], 16)
+        page.graph[drawn.label] = page.server.scene.add_line_segments(
+            f"/graph/{drawn.label}",
+            drawn.segments_m.astype(np.float32),
+            rgb,
+            thickness=4.0,
+            thickness_units="screen",
+        )
+
+
 def _aim(server: viser.ViserServer, low_m: NDArray[np.float32], high_m: NDArray[np.float32]) -> None:
     """Let everyone who opens the page begin above the south of the map, looking at its middle."""
     middle = (low_m.astype(np.float64) + high_m) / 2.0
@@ -243,3 +266,11 @@ def _control(page: Page, voxels: PackedVoxels, title: str, ways: list[str]) -> N
     colour.on_update(paint)
     if ways:
         gui.add_markdown(f"way flown: {', '.join(ways)}")
+    if page.graph:
+        graph = gui.add_checkbox("navigation graph", initial_value=True, hint=", ".join(page.graph))
+
+        def show_graph(_: object) -> None:
+            for lines in page.graph.values():
+                lines.visible = graph.value
+
+        graph.on_update(show_graph)

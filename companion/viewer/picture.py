@@ -7,7 +7,7 @@ stand out, and its colour is the mean height of what is occupied in it. The sect
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -28,6 +29,7 @@ from companion.mapping.files.whole import whole_file
 from companion.mapping.voxels.chunks import SHIFT
 from companion.mapping.voxels.piece import Progress, silent
 from companion.model import FloatArray
+from companion.viewer.graphs import GraphLines
 from companion.viewer.voxels import PIECE, PackedVoxels, State
 
 DPI = 144
@@ -78,7 +80,12 @@ class _Raster:
 
 
 def write_picture(
-    voxels: PackedVoxels, title: str, ways: list[FloatArray], path: Path, progress: Progress = silent
+    voxels: PackedVoxels,
+    title: str,
+    ways: list[FloatArray],
+    path: Path,
+    progress: Progress = silent,
+    lines: Sequence[GraphLines] = (),
 ) -> None:
     """Write a PNG with a plan, a section along x and one along y; whole or not at all.
 
@@ -88,20 +95,27 @@ def write_picture(
         ways: (n, 3) positions in m of each way flown.
         path: the file.
         progress: takes the share of the work done, 0 to 1, from time to time.
+        lines: navigation graphs, drawn over the plan.
 
     Raises:
         OSError: the file cannot be written.
     """
-    figure = map_figure(voxels, title, ways, progress)
+    figure = map_figure(voxels, title, ways, progress, lines)
     with mpl.rc_context(_STYLE), whole_file(path) as file:
         # As large as what is on it: no line runs off the sheet.
         figure.savefig(file, format="png", bbox_inches="tight", pad_inches=0.2)
 
 
-def map_figure(voxels: PackedVoxels, title: str, ways: list[FloatArray], progress: Progress = silent) -> Figure:
+def map_figure(
+    voxels: PackedVoxels,
+    title: str,
+    ways: list[FloatArray],
+    progress: Progress = silent,
+    lines: Sequence[GraphLines] = (),
+) -> Figure:
     """The picture that `write_picture` writes."""
     with mpl.rc_context(_STYLE):
-        return _Sheet(voxels).draw(title, ways, progress)
+        return _Sheet(voxels).draw(title, ways, progress, lines)
 
 
 class _Sheet:
@@ -124,7 +138,7 @@ class _Sheet:
         self._frame_m = self._cells * self._cell * voxels.voxel_m
         self._heights = ScalarMappable(Normalize(self._low_m[2], self._low_m[2] + self._size_m[2]), "viridis")
 
-    def draw(self, title: str, ways: list[FloatArray], progress: Progress) -> Figure:
+    def draw(self, title: str, ways: list[FloatArray], progress: Progress, lines: Sequence[GraphLines]) -> Figure:
         """The picture."""
         scale, tall = self._px_per_m, self._px_per_m * self._stretch
         x, y = self._span(0, scale), self._span(1, scale)
@@ -151,6 +165,8 @@ class _Sheet:
         self._show(across, self._cut(self._counted(1, 2, (0, cut_x))).transpose(1, 0, 2), 2, 1)
         for way_m in ways:
             plan.plot(*way_m[:, :2].T, color=_WAY, lw=1.2, zorder=3)
+        for drawn in lines:
+            plan.add_collection(LineCollection(list(drawn.segments_m[:, :, :2]), colors=drawn.colour, lw=1.6, zorder=3))
 
         at_x, at_y = ((cut + 0.5) * self._voxels.voxel_m for cut in (cut_x, cut_y))
         stretched = "" if self._stretch == 1 else f", heights x {self._stretch}"
@@ -171,7 +187,7 @@ class _Sheet:
 
         figure.text(_LEFT_PX / whole[0], 1.0 - 32.0 / whole[1], title, fontsize=13.5, va="center")
         figure.text(_LEFT_PX / whole[0], 1.0 - 66.0 / whole[1], self._facts(), color=_FAINT, va="center")
-        self._add_key(figure, frame, below + height + _KEY_PX, bool(ways))
+        self._add_key(figure, frame, below + height + _KEY_PX, bool(ways), lines)
         return figure
 
     def _span(self, axis: int, px_per_m: float) -> Span:
@@ -189,7 +205,9 @@ class _Sheet:
         known = f"{occupied:,} occupied, {free:,} free ({free * voxels.voxel_m**3:,.0f} m³)"
         return f"voxel {voxels.voxel_m:g} m    {known}    extent {extent} m"
 
-    def _add_key(self, figure: Figure, frame: Callable[..., Axes], top: float, some_way: bool) -> None:
+    def _add_key(
+        self, figure: Figure, frame: Callable[..., Axes], top: float, some_way: bool, lines: Sequence[GraphLines]
+    ) -> None:
         """Draw the scale bar, the colours of heights and what else the colours mean into the strip at the bottom."""
         length_m = round_length_m(130.0 / self._px_per_m)
         long = length_m * self._px_per_m
@@ -207,6 +225,7 @@ class _Sheet:
         handles.append(Patch(facecolor="white", edgecolor=_FAINT, label="unknown"))
         if some_way:
             handles.append(Line2D([], [], color=_WAY, lw=1.8, label="way flown"))
+        handles += [Line2D([], [], color=drawn.colour, lw=1.8, label=drawn.label) for drawn in lines]
         place = heights.get_position()
         figure.legend(handles=handles, loc="center left", bbox_to_anchor=(place.x1 + 0.03, place.y0), ncols=3)
 

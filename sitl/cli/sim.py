@@ -115,6 +115,8 @@ def _fly(simulation: Simulation, limit_s: float, console: Console) -> Exception 
 
 
 def _say_result(console: Console, simulation: Simulation, summary: dict[str, object], folder: Path) -> None:
+    graph = summary["graph"]
+    assert isinstance(graph, dict)  # noqa: S101 - the summary holds values of all types
     lines = [
         f"ended: {simulation.ended_because} after {clock(simulation.t_s)} simulated, "
         f"{simulation.wall_time_s:.0f} s of waiting",
@@ -122,6 +124,8 @@ def _say_result(console: Console, simulation: Simulation, summary: dict[str, obj
         f"{summary['occupied_voxels']} voxels of {summary['voxel_m']} m",
         f"least distance to a wall: {summary['least_d_m']} m, contacts: {summary['contacts']}, "
         f"least clearance of the body: {summary['least_clearance_m']} m",
+        f"navigation graph: {graph['vertices']} vertices, {graph['edges']} edges, {graph['exits_untaken']} of "
+        f"{graph['exits']} exits not taken, {graph['exits_unvisited']} of them never come to",
         f"look at: {folder / 'report.html'}",
     ]
     for line in lines:

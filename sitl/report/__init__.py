@@ -2,6 +2,6 @@
 
 from sitl.report.data import ReportData
 from sitl.report.page import write_report
-from sitl.report.plan import overview_png
+from sitl.report.plan import overview_png, plan_of
 
-__all__ = ["ReportData", "overview_png", "write_report"]
+__all__ = ["ReportData", "overview_png", "plan_of", "write_report"]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.control.graph import Graph
 from sitl.sim.flight_log import FlightLog
 
 Array = NDArray[np.float64]
@@ -33,6 +34,7 @@ class ReportData:
         critical_margin_m: d_c, the distance at which it stops to turn (paper eq. (12)).
         height_m: H, the flying height above ground.
         settings_yaml: the settings of the flight, in plain text.
+        graphs: the navigation graph of each vehicle.
     """
 
     title: str
@@ -48,6 +50,7 @@ class ReportData:
     critical_margin_m: float
     height_m: float
     settings_yaml: str
+    graphs: tuple[Graph, ...] = ()
 
 
 def thinned(t_s: Array, values: Array, bins: int) -> tuple[Array, Array]:

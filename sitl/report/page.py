@@ -10,15 +10,17 @@ from sitl.report import html
 from sitl.report.cards import UNKNOWN, key_figures, rows, shown, verdict
 from sitl.report.curves import distance_histogram, flight_picture, progress_picture
 from sitl.report.data import ReportData
+from sitl.report.graph import graph_png
 from sitl.report.html import Picture, Section
 from sitl.report.maps import map_pictures
-from sitl.report.plan import overview_png
+from sitl.report.plan import Plan, overview_png, plan_of
 
 _FILES = (
     ("map.ply", "the map as a point cloud, for CloudCompare, MeshLab and Open3D"),
     ("map.pcd", "the same for PCL and ROS"),
     ("map.laz", "the same for surveying software"),
     ("map.bt", "the map as an OctoMap"),
+    ("graph.json", "the navigation graph, for GIS programs (GeoJSON)"),
     ("trajectory.csv", "every tick of the flight"),
 )
 
@@ -54,17 +56,20 @@ def write_report(path: Path, data: ReportData) -> None:
 
 def _sections(data: ReportData) -> Iterator[Section]:
     several = len(data.flights) > 1
+    plan = plan_of(data)
     colours = "one colour a vehicle" if several else "coloured by mode"
     yield Section(
         "The way flown",
         [
             Picture(
-                overview_png(data),
+                overview_png(data, plan),
                 f"The mine from above and the way flown, {colours}; the outline is its walls at flying height: look "
                 "for drifts that no line enters, and for lines that come near a wall.",
             )
         ],
     )
+    if data.graphs:
+        yield Section("The navigation graph", [_graph(data, plan, index) for index in range(len(data.graphs))])
     maps = map_pictures(data)
     if maps is not None:
         above, oblique = maps
@@ -97,6 +102,19 @@ def _sections(data: ReportData) -> Iterator[Section]:
                 half=True,
             ),
         ],
+    )
+
+
+def _graph(data: ReportData, plan: Plan | None, index: int) -> Picture:
+    graph = data.graphs[index]
+    counts = graph.counts()
+    whose = f"Vehicle {index + 1}: the" if len(data.graphs) > 1 else "The"
+    return Picture(
+        graph_png(data, plan, graph),
+        f"{whose} navigation graph (Definition 3.5) as far as it was met: {counts.vertices} vertices, {counts.edges} "
+        f"edges, {counts.exits_untaken} of {counts.exits} exits not taken. What was flown often is thicker. Look for "
+        "red crosses and circles, where an exit leads to what nobody has come to, and for vertices that lie doubled, "
+        "where a place was not known again.",
     )
 
 

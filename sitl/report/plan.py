@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +34,7 @@ _WIDTH_PX = 600
 _LEVEL_CELLS = 96
 _FLOWN_POINTS = 400
 _CHUNK = 500_000
+_TWO_ROWS_HOLD = 6  # entries of a legend
 _PER_PIXEL = 1.5  # points a pixel along rows that are turned against the grid: 1.0 leaves holes
 
 
@@ -154,25 +155,11 @@ def _covered(
     return covered
 
 
-def overview_png(data: ReportData) -> bytes:
+def overview_png(data: ReportData, plan: Plan | None) -> bytes:
     """The mine from above with the ways flown, as a PNG: one way is coloured by mode, several have a colour each."""
-    flown = [flight.positions_m for flight in data.flights]
-    plan = mine_plan(data.vertices_m, data.triangles, flown, data.height_m)
-    west, east, south, north = _extent_m(plan, flown)
+    several = len(data.flights) > 1
 
-    inch_per_m = min(WIDTH_IN / (east - west), MOST_IN / (north - south))
-    width, height = inch_per_m * (east - west), inch_per_m * (north - south)
-
-    def draw(figure: Figure) -> None:
-        whole = STRIP_IN + height
-        left, bottom = (1.0 - width / WIDTH_IN) / 2, STRIP_IN / whole
-        axes = figure.add_axes((left, bottom, width / WIDTH_IN, 1.0 - bottom))
-        axes.set(xlim=(west, east), ylim=(south, north), autoscale_on=False)
-        axes.set_axis_off()
-        add_scale_bar(figure, inch_per_m, width)
-        if plan is not None:
-            _draw_mine(axes, plan)
-        several = len(data.flights) > 1
+    def draw(axes: Axes) -> list[Line2D]:
         handles = []
         for index, flight in enumerate(data.flights):
             if len(flight) == 0:
@@ -185,9 +172,42 @@ def overview_png(data: ReportData) -> bytes:
                 handles += _draw_modes(axes, flight)
             _draw_ends(axes, flight, vehicle_colour(index) if several else INK)
         if handles:
-            handles += [_marker("o", "white", "start"), _marker("s", INK, "end"), *_draw_nearest(axes, data.flights)]
-            place = (0.995, bottom / 2)
-            figure.legend(handles=handles, loc="center right", bbox_to_anchor=place, ncols=-(-len(handles) // 2))
+            handles += [marker("o", "white", "start"), marker("s", INK, "end"), *_draw_nearest(axes, data.flights)]
+        return handles
+
+    return plan_png(data, plan, draw)
+
+
+def plan_of(data: ReportData) -> Plan | None:
+    """The plan of the mine that was flown in."""
+    return mine_plan(data.vertices_m, data.triangles, [flight.positions_m for flight in data.flights], data.height_m)
+
+
+def plan_png(data: ReportData, plan: Plan | None, on_it: Callable[[Axes], list[Line2D]]) -> bytes:
+    """The mine from above as a PNG.
+
+    Args:
+        data: the flights, for which there is room as well.
+        plan: the mine.
+        on_it: draws on the plan, in m, and returns what the legend is to explain.
+    """
+    west, east, south, north = _extent_m(plan, [flight.positions_m for flight in data.flights])
+    inch_per_m = min(WIDTH_IN / (east - west), MOST_IN / (north - south))
+    width, height = inch_per_m * (east - west), inch_per_m * (north - south)
+
+    def draw(figure: Figure) -> None:
+        whole = STRIP_IN + height
+        left, bottom = (1.0 - width / WIDTH_IN) / 2, STRIP_IN / whole
+        axes = figure.add_axes((left, bottom, width / WIDTH_IN, 1.0 - bottom))
+        axes.set(xlim=(west, east), ylim=(south, north), autoscale_on=False)
+        axes.set_axis_off()
+        add_scale_bar(figure, inch_per_m, width)
+        if plan is not None:
+            _draw_mine(axes, plan)
+        handles = on_it(axes)
+        if handles:
+            place, rows = (0.995, bottom / 2), 2 if len(handles) <= _TWO_ROWS_HOLD else 3
+            figure.legend(handles=handles, loc="center right", bbox_to_anchor=place, ncols=-(-len(handles) // rows))
 
     return picture(WIDTH_IN, STRIP_IN + height, draw)
 
@@ -243,8 +263,9 @@ def _draw_nearest(axes: Axes, flights: Sequence[FlightLog]) -> list[Line2D]:
     nearest = int(np.nanargmin(distances))
     x, y = np.concatenate([flight.positions_m for flight in flights])[nearest, :2]
     axes.plot(x, y, "D", ms=8, mfc="none", mec=CRITICAL, mew=2.0, zorder=8)
-    return [_marker("D", "none", f"closest to a wall: {distances[nearest]:.2f} m", CRITICAL)]
+    return [marker("D", "none", f"closest to a wall: {distances[nearest]:.2f} m", CRITICAL)]
 
 
-def _marker(shape: str, fill: str, label: str, edge: str = INK) -> Line2D:
+def marker(shape: str, fill: str, label: str, edge: str = INK) -> Line2D:
+    """An entry of a legend."""
     return Line2D([], [], marker=shape, ls="none", ms=7, mfc=fill, mec=edge, mew=1.8, label=label)

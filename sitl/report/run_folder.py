@@ -17,10 +17,12 @@ from companion.config.show import dump_yaml
 from companion.errors import CompanionError, InputError
 from companion.mapping.files import GEOREFERENCED, OF_A_MISSION, Georeference
 from companion.mapping.files import write as write_map_file
+from companion.mapping.files.graph_file import write_graph
+from companion.mapping.files.ground_file import write_known_ground
 from companion.mapping.files.whole import whole_file
 from companion.mapping.journal import JOURNAL_NAME, Header, Journal
 from companion.recording.folder import free_names
-from sitl.report import ReportData, overview_png, write_report
+from sitl.report import ReportData, overview_png, plan_of, write_report
 from sitl.sim.simulation import Simulation
 
 
@@ -125,6 +127,12 @@ def write_run(folder: Path, simulation: Simulation, preset: str, config: Path | 
     for flight in simulation.flights:
         name = "trajectory.csv" if len(simulation.flights) == 1 else f"trajectory-{flight.log.vehicle_id}.csv"
         writers[name] = flight.log.write_csv
+    graphs = tuple(flight.navigator.graph.snapshot() for flight in simulation.flights)
+    for flight, graph in zip(simulation.flights, graphs, strict=True):
+        of = "" if len(graphs) == 1 else f"-{flight.log.vehicle_id}"
+        writers[f"graph{of}.json"] = functools.partial(write_graph, graph, origin_m=simulation.world.origin_m)
+        ground = flight.navigator.known_ground.seen()
+        writers[f"known_ground{of}.npz"] = functools.partial(write_known_ground, ground)
     writers["settings.yaml"] = lambda path: path.write_text(settings_yaml, encoding="utf-8")
 
     def map_file(path: Path) -> None:
@@ -149,10 +157,11 @@ def write_run(folder: Path, simulation: Simulation, preset: str, config: Path | 
             critical_margin_m=settings.control.critical_margin_m,
             height_m=settings.control.height_m,
             settings_yaml=settings_yaml,
+            graphs=graphs,
         )
 
     writers["report.html"] = lambda path: write_report(path, reported())
-    writers["overview.png"] = lambda path: path.write_bytes(overview_png(reported()))
+    writers["overview.png"] = lambda path: path.write_bytes(overview_png(reported(), plan_of(reported())))
     waiting = list(writers)
     try:
         for name, write in writers.items():

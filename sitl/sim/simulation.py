@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config.settings import Settings
+from companion.control.graph import Counts
 from companion.mapping import VoxelMap
 from companion.safety_case.passages import passages
 from sitl.mines import World
@@ -147,6 +148,7 @@ class Simulation:
         true_d = np.concatenate([self._true_distances(flight) for flight in self.flights])
         margin_m = self.settings.control.margin_m
         states = [flight.navigator.status for flight in self.flights]
+        graphs = [flight.navigator.graph.snapshot().counts() for flight in self.flights]
         sim_time_s = round(self.t_s, 3)
         return {
             "world": self.world.name,
@@ -171,6 +173,7 @@ class Simulation:
             "mode_changes": sum(state.mode_changes for state in states),
             "draws": sum(state.draws for state in states),
             "draws_accepted": sum(state.accepted for state in states),
+            "graph": {name: sum(getattr(counts, name) for counts in graphs) for name in Counts._fields},
             "extensions": sum(state.extensions for state in states),
             "least_time_between_extensions_s": _rounded(
                 min((gap for flight in self.flights for gap in np.diff(flight.extended_s)), default=math.inf), 1

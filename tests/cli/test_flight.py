@@ -12,6 +12,7 @@ from companion.cli import main as cli
 from companion.config.load import load_settings
 from companion.flight import request as requests
 from companion.flight.request import FlightRequest
+from companion.mapping.files.graph_file import read_graph
 from tests.recording.flights import fly_in_room
 
 
@@ -43,6 +44,23 @@ def test_a_replay_compares_and_its_exit_code_says_what_came_out(
     slower = tmp_path / "slower.yaml"
     slower.write_text("control:\n  max_yaw_rate_radps: 0.55\n")
     assert exit_code("replay", str(file), "--config", str(slower)) == 1
+
+
+def test_a_replay_makes_the_navigation_graph_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Protects the graph of a flight that ended before it was written: the recording has it; nothing is overwritten."""
+    file, target = tmp_path / "flight.mcap", tmp_path / "graph.json"
+    fly_in_room(file, 5.0)
+    assert exit_code("replay", str(file), "--graph", str(target)) == 0
+    graph = read_graph(target)
+    # The first second is not flown by the navigator.
+    assert sum(edge.time_s for edge in graph.edges) == pytest.approx(4.0, abs=0.2)
+    capsys.readouterr()
+    assert exit_code("replay", str(file), "--json") == 0
+    assert json.loads(capsys.readouterr().out)["graph"] == graph.counts()._asdict()
+    assert exit_code("replay", str(file), "--graph", str(target)) == 2
+    assert f"--graph {target}: exists already; give a new name" in capsys.readouterr().err
+    assert exit_code("replay", str(file), "--graph", str(tmp_path / "none" / "graph.json")) == 1
+    assert "No such file or directory; give a file that you may write" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", ["check", "run"])

@@ -376,7 +376,7 @@ def test_both_outcomes_stay_possible_whatever_has_been_seen(seed: int, least: fl
     places = rng.uniform(-20.0, 20.0, (3, 2))
     for draw, taken in ((min(least, p) - 1e-9, 1), (max(1.0 - least, p) + 1e-9, 0)):
         navigator = in_boundary(1, rng=Fixed(draw), **bounds)
-        ground = navigator._ground
+        ground = navigator.known_ground
         for scan, (x_m, y_m) in zip(seen, places, strict=True):
             ground.see(measurement(scan), replace(ORIGIN, x_m=float(x_m), y_m=float(y_m)))
         navigator.step(beside(1, edge_scan(-1)), ORIGIN, 0.0)

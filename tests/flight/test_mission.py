@@ -16,15 +16,20 @@ import numpy as np
 import pytest
 
 from companion.autopilot.telemetry import Telemetry
+from companion.config.load import load_settings
 from companion.config.settings import Settings
+from companion.control.navigator import Navigator
 from companion.flight import mission
 from companion.flight.gate_client import GateClient
+from companion.flight.navigation_files import Navigation
 from companion.flight.phase import PhaseMachine
 from companion.flight.preflight import check_names
 from companion.flight.request import FlightRequest
 from companion.flight.session import Session
 from companion.flight.tasks import background
 from companion.gate.protocol import Beat, Phase
+from companion.mapping.files.graph_file import read_graph
+from companion.mapping.files.ground_file import read_known_ground
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavCmd
 from companion.model import Beam, RangeReading
@@ -181,6 +186,38 @@ async def test_a_flight_from_the_checks_to_the_summary(
     times_s = [beat.t_s for beat in scene.mine.beats if beat.phase is not Phase.GROUND]
     assert max(after - before for before, after in pairwise(times_s)) < 0.11, "also while the map is written"
     assert summary["beats_unsent"] == 0
+    assert summary["graph"] == read_graph(folder / "graph.json").counts()._asdict()
+    assert summary["graph"]["vertices"] > 0
+    assert read_known_ground(folder / "known_ground.npz").cell_m > 0.0
+
+
+@pytest.mark.parametrize("resumed", [True, False])
+def test_the_graph_of_a_flight_that_resumes_a_map_leaves_that_of_the_other(tmp_path: Path, resumed: bool) -> None:
+    """Protects the first flight's: both lie beside the map, and both are drawn there."""
+    navigation = Navigation.of(Navigator(load_settings().control, np.random.default_rng(0)))
+    first, second = tmp_path / "20000101-000000", tmp_path / "20000101-010000"
+    for folder in (first, second):
+        folder.mkdir()
+        navigation.write(first if resumed else folder, folder)
+    names = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.*")}
+    of_second = "20000101-000000/{}-20000101-010000.{}" if resumed else "20000101-010000/{}.{}"
+    expected = {of_second.format("graph", "json"), of_second.format("known_ground", "npz")}
+    assert names == expected | {"20000101-000000/graph.json", "20000101-000000/known_ground.npz"}
+
+
+async def test_a_graph_that_cannot_be_written_costs_the_graph_alone(
+    gate: FakeGate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Protects the map and the summary of a flight from a full disk."""
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Navigation, "write", full)
+    scene = Scene(gate, tmp_path, "now", monkeypatch)
+    summary = await scene.fly()
+    assert summary["ended_because"] == "complete"
+    assert [line for line in scene.lines if line.startswith("the navigation graph was not written: ")]
 
 
 class StoppedClock(datetime):

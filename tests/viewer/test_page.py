@@ -8,7 +8,7 @@ import socket
 import subprocess
 import sys
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -25,14 +25,16 @@ from companion.errors import InputError
 from companion.mapping.journal import Header, Journal
 from companion.mapping.voxels.chunks import OFFSETS
 from companion.mapping.voxels.piece import MapPiece
+from companion.viewer.graphs import GraphLines, graph_lines
 from companion.viewer.page import MOST_LAYERS, Page, cloud, serve
 from companion.viewer.voxels import PackedVoxels, State
+from tests.shared.graphs import small_graph
 from tests.viewer.maps import nothing, tunnel
 
 
-def served(voxels: PackedVoxels, most_points: int = 1_000_000) -> Iterator[Page]:
+def served(voxels: PackedVoxels, most_points: int = 1_000_000, lines: Sequence[GraphLines] = ()) -> Iterator[Page]:
     way = {"trajectory.csv": np.array([[0.5, 1.0, 0.5], [5.5, 1.0, 0.5]])}
-    with serve(voxels, "mission/map.journal", way, "127.0.0.1", free_tcp_port(), most_points) as page:
+    with serve(voxels, "mission/map.journal", way, "127.0.0.1", free_tcp_port(), most_points, lines) as page:
         yield page
 
 
@@ -94,6 +96,18 @@ def test_there_are_never_more_points_than_allowed(most: int) -> None:
     """Protects the limit also where the coarsest cubes are too many."""
     for state in State:
         assert len(cloud(tunnel(), state, most).points_m) <= most
+
+
+def test_the_navigation_graph_is_on_the_page() -> None:
+    """Protects the view of what was decided where: a line for every edge, and for every exit that was not taken."""
+    for shown in served(tunnel(), lines=graph_lines([small_graph()])):
+        assert {label: len(handle.points) for label, handle in shown.graph.items()} == {
+            "initial circle": 3,
+            "tangent segment": 1,
+            "boundary arc": 4,
+            "exit never come to": 2,
+            "exit come to otherwise": 1,
+        }
 
 
 def test_an_empty_map_is_served_too() -> None:

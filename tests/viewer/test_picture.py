@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from companion.errors import InputError
 from companion.viewer.voxels import State, trajectories
+from tests.shared.graphs import small_graph
 from tests.viewer.maps import nothing, tunnel
 
 pytest.importorskip("matplotlib", reason="pip install mine-companion[ground]")
@@ -20,6 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.text import Text
 
+from companion.viewer.graphs import graph_lines
 from companion.viewer.picture import SECTION_PX, map_figure, round_length_m, write_picture
 from companion.viewer.voxels import PackedVoxels
 
@@ -139,6 +141,13 @@ def test_nothing_half_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 def test_scale_bars_are_round(least: float, length: float) -> None:
     """Protects the scale bar from numbers that nobody reads."""
     assert round_length_m(least) == pytest.approx(length)
+
+
+def test_the_navigation_graph_is_drawn_and_explained() -> None:
+    """Protects the picture of a mission: what the lines over its plan are stands in the key."""
+    written = texts(map_figure(tunnel(), "a", [], lines=graph_lines([small_graph()])))
+    assert {"tangent segment", "boundary arc", "exit never come to"} <= set(written)
+    assert "tangent segment" not in texts(map_figure(tunnel(), "a", []))
 
 
 # The way flown, from the files beside a map.

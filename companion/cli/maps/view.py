@@ -13,6 +13,7 @@ from companion.cli.maps.progress import Progress
 from companion.cli.maps.sources import chunks_seen, map_at, opened, refuse_target, write_errors
 from companion.errors import InputError
 from companion.model import FloatArray
+from companion.viewer.graphs import GraphLines, graph_lines, graphs_in
 from companion.viewer.voxels import PackedVoxels, packed, trajectories
 
 
@@ -28,9 +29,9 @@ def draw_picture(source: Path, picture: Path, clouds: CloudOptions, *, overwrite
     refuse_target(picture, [source], overwrite=overwrite)
     with of_the_extra("companion map view"):
         from companion.viewer.picture import write_picture
-    bits, ways = _read(source, clouds)
+    bits, ways, lines = _read(source, clouds)
     with write_errors(picture), Progress(f"drawing {picture.name}") as progress:
-        write_picture(bits, _name(source), list(ways.values()), picture, progress)
+        write_picture(bits, _name(source), list(ways.values()), picture, progress, lines)
     typer.echo(f"{picture}: {picture.stat().st_size:,} bytes")
 
 
@@ -43,8 +44,8 @@ def show_in_browser(source: Path, host: str, port: int, most_points: int, clouds
     """
     with of_the_extra("companion map view"):
         from companion.viewer.page import serve
-    bits, ways = _read(source, clouds)
-    with serve(bits, _name(source), ways, host, port, most_points) as page:
+    bits, ways, lines = _read(source, clouds)
+    with serve(bits, _name(source), ways, host, port, most_points, lines) as page:
         typer.echo(f"{source}: open http://{_reached_at(host)}:{page.port}; Ctrl-C ends it")
         if page.note:
             typer.echo(page.note)
@@ -56,12 +57,13 @@ def _reached_at(host: str) -> str:
     return {"127.0.0.1": "localhost", "0.0.0.0": socket.gethostname()}.get(host, host)  # noqa: S104 - the user asks
 
 
-def _read(source: Path, clouds: CloudOptions) -> tuple[PackedVoxels, dict[str, FloatArray]]:
-    """A map, and the ways flown that lie beside it."""
+def _read(source: Path, clouds: CloudOptions) -> tuple[PackedVoxels, dict[str, FloatArray], list[GraphLines]]:
+    """A map, and the ways flown and the navigation graphs that lie beside it."""
     clouds.refuse_if_no_use([source])
     with opened(source, clouds.reading()) as voxels, Progress("reading the map") as progress:
         bits = packed(voxels, chunks_seen(voxels, progress))
-    return bits, trajectories(map_at(source).parent)
+    folder = map_at(source).parent
+    return bits, trajectories(folder), graph_lines(graphs_in(folder).values())
 
 
 def _name(source: Path) -> str:

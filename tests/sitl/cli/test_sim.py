@@ -44,6 +44,9 @@ mapping: {voxel_m: 0.3}
 """
 MAP_FILES = {"map.ply", "map.pcd", "map.bt", "map.laz", "map.journal"}
 FILES = MAP_FILES | {"trajectory.csv", "summary.json", "report.html", "settings.yaml", "overview.png"}
+FILES |= {"graph.json", "known_ground.npz"}
+EACH_HAS = ("trajectory.csv", "graph.json", "known_ground.npz")
+"""Of several vehicles, each has its own."""
 SUMMARY = {
     "world", "seed", "preset", "completeness", "precision", "accuracy_m", "completed_at_s", "sim_time_s", "wall_time_s",
     "times_real_time", "path_length_m", "contacts", "least_d_m", "time_below_d_s_fraction", "mode_changes", "draws",
@@ -101,7 +104,7 @@ def left_in(place: Path) -> set[str]:
 def shorten(monkeypatch: pytest.MonkeyPatch) -> None:
     """Drawing takes seconds: where the report is not what the test is about, it is a word."""
     monkeypatch.setattr(run_folder, "write_report", lambda path, _: path.write_text("report", encoding="utf-8"))
-    monkeypatch.setattr(run_folder, "overview_png", lambda _: b"picture")
+    monkeypatch.setattr(run_folder, "overview_png", lambda *_: b"picture")
 
 
 @pytest.fixture
@@ -209,7 +212,9 @@ class TestEnd:
         """Protects the records of a fleet from overwriting each other."""
         done = fly(tmp_path, "--world", "room", "--vehicles", "2", "--time-limit", "0.5")
         assert done.code == 1
-        assert done.files == FILES - {"trajectory.csv"} | {"trajectory-1.csv", "trajectory-2.csv"}
+        assert done.files == {name for name in FILES if name not in EACH_HAS} | {
+            f"{Path(name).stem}-{number}{Path(name).suffix}" for name in EACH_HAS for number in (1, 2)
+        }
         assert done.summary["vehicles"] == 2
 
     def test_a_mesh_of_the_user(self, tmp_path: Path) -> None:

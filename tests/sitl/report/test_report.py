@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import itertools
 import math
 import re
@@ -12,17 +13,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
+from matplotlib.image import imread
 from numpy.typing import NDArray
 
+from companion.control.graph import EdgeKind, Graph
 from companion.model import Measurement, Mode, Pose, Setpoint
+from companion.viewer.graphs import EDGE_COLOURS, UNVISITED
 from sitl.report import ReportData, overview_png, write_report
 from sitl.report.cards import State, key_figures, rows, seconds, shown, verdict
 from sitl.report.data import stretches, thinned
+from sitl.report.graph import graph_png
 from sitl.report.maps import below_cut, map_pictures
-from sitl.report.plan import mine_plan, section
+from sitl.report.plan import mine_plan, plan_of, section
 from sitl.report.splat import Camera, render
 from sitl.report.style import DPI, round_length_m
 from sitl.sim.flight_log import FlightLog
+from tests.shared.graphs import small_graph
 
 PNG = b"\x89PNG\r\n\x1a\n"
 SIZE_M = (8.0, 5.0, 3.0)
@@ -202,6 +209,21 @@ def test_each_vehicle_has_its_own_picture_of_the_flight(tmp_path: Path) -> None:
     assert all(f"<figcaption>Vehicle {number}: " in html for number in (1, 2, 3))
 
 
+def test_each_vehicle_has_its_navigation_graph_drawn_over_the_plan(tmp_path: Path) -> None:
+    """Protects the paper's Fig. 6: counts in words, and on the plan the colour of every edge and of an open exit."""
+    html = written(tmp_path, replace(data(vehicles=2), graphs=(small_graph(), small_graph())))
+    assert len(pictures(html)) == 6 + 1 + 2
+    assert "3 vertices, 3 edges, 3 of 4 exits not taken" in html
+    assert all(f"<figcaption>Vehicle {number}: the navigation graph" in html for number in (1, 2))
+    plan = plan_of(data())
+    image = imread(io.BytesIO(graph_png(data(), plan, small_graph())))[..., :3]
+    bare = imread(io.BytesIO(graph_png(data(), plan, Graph())))[..., :3]
+    for colour in (EDGE_COLOURS[EdgeKind.TANGENT], EDGE_COLOURS[EdgeKind.BOUNDARY], UNVISITED):
+        near = [np.abs(picture - to_rgb(colour)).max(axis=-1) < 0.1 for picture in (image, bare)]
+        assert near[0].any()
+        assert not near[1].any()
+
+
 def test_a_long_flight_stays_a_small_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for room in ("style", "maps"):
         monkeypatch.setattr(f"sitl.report.{room}.DPI", DPI)
@@ -209,7 +231,7 @@ def test_a_long_flight_stays_a_small_file(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_the_overview_alone_is_the_first_picture_of_the_report(html: str) -> None:
-    assert overview_png(data()) == pictures(html)[0]
+    assert overview_png(data(), plan_of(data())) == pictures(html)[0]
 
 
 # Whole or not at all
