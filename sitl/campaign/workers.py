@@ -16,7 +16,7 @@ from contextlib import suppress
 from multiprocessing import get_context
 from typing import Protocol, Self
 
-from companion.cli.interruption import ENDS
+from companion.interruption import ENDS
 from sitl.campaign.mission import Mission, Row
 
 Fly = Callable[[Mission], Row]

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from companion.cli.interruption import finishing
+from companion.interruption import finishing
 from companion.cli.options import Config
 from companion.config.source import as_yaml
 from companion.errors import CompanionError, InputError

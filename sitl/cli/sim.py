@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from companion.cli.interruption import finishing
+from companion.interruption import finishing
 from companion.cli.options import Config, Preset
 from companion.config.load import load
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
-from companion.cli.interruption import ENDS
+from companion.interruption import ENDS
 from sitl.campaign.flight import fly as fly_really
 from sitl.campaign.folder import claimed
 from sitl.campaign.mission import Mission, Row
