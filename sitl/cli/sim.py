@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
-from companion.interruption import finishing
 from companion.cli.options import Config, Preset
 from companion.config.load import load
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
+from companion.interruption import finishing, stopping
 from sitl.cli.mesh_options import DEFAULT_CLOUD_VOXEL_M, CloudVoxel, Scale, UpAxis
 from sitl.mines import load_world
 from sitl.mines.placing import Reading
+from sitl.report.kept import Kept
 from sitl.report.run_folder import default_folder, flown, new_folder, write_run
 from sitl.sim.display import Display, clock
-from sitl.sim.simulation import Simulation
+from sitl.sim.simulation import Progress, Simulation
 
 PREPARING = "preparing the mine (the very first flight compiles the fast parts, about a minute)"
 
@@ -80,9 +82,11 @@ def simulate(
             console.print(f"{mine.name}: {mine.description}", highlight=False, markup=False)
             for remark in simulation.remarks:
                 console.print(f"  {remark}", highlight=False, soft_wrap=True, markup=False)
-            failure = _fly(simulation, limit_s, console)
-            with console.status("writing map and report"), finishing("writing map and report"):
-                summary = write_run(folder.path, simulation, loaded.preset, config)
+            # From here on there is something to lose, and no moment at which a signal would tear it.
+            with stopping("ending the flight") as stop, Kept(folder.path, simulation) as kept:
+                failure = _fly(kept, limit_s, console, stop)
+                with console.status("writing map and report"), finishing("writing map and report"):
+                    summary = write_run(kept, loaded.preset, config)
     except BaseException:
         if folder is not None and folder.target.is_dir() and any(folder.target.iterdir()):
             typer.echo(f"what had been written is in {folder.target}", err=True)
@@ -103,11 +107,17 @@ def simulate(
         )
 
 
-def _fly(simulation: Simulation, limit_s: float, console: Console) -> Exception | None:
+def _fly(kept: Kept, limit_s: float, console: Console, stop: Callable[[], bool]) -> Exception | None:
     """Fly; a mistake of ours ends the flight, and what was flown until then is written all the same."""
+    simulation = kept.simulation
     try:
         with Display(console) as display:
-            simulation.run(limit_s, display)
+
+            def show(progress: Progress) -> None:
+                display(progress)
+                kept.look()
+
+            simulation.run(limit_s, show, stop)
     except Exception as error:  # noqa: BLE001 - it is raised again when the results are safe
         simulation.ended_because = f"failed: {error!r}"
         return error

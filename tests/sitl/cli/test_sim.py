@@ -22,7 +22,8 @@ import pytest
 from companion.cli.main import main
 from companion.config.load import load_settings
 from companion.errors import CompanionError
-from companion.mapping.files import Georeference, MapFileError, write
+from companion.mapping.files import Georeference, MapFileError, open_map, write
+from companion.mapping.files.facts import facts_of
 from companion.mapping.voxels.piece import MapSource
 from sitl.cli import sim
 from sitl.report import run_folder
@@ -397,6 +398,49 @@ class TestInterrupted:
     def test_a_supervisor_and_a_closed_terminal_are_ctrl_c(self, tmp_path: Path, number: signal.Signals) -> None:
         """Protects an hour of flight from a computer that shuts down: the map is written, and the code is 130."""
         self.ended_in_flight(tmp_path, number)
+
+    def test_who_interrupts_twice_at_once_loses_nothing(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    ) -> None:
+        """Protects an hour of flight from a key that is held down: there is no moment between flight and writing."""
+        tick, complete = Simulation._tick, Simulation._exact_completeness
+
+        def asked(self: Simulation, dt_s: float) -> None:
+            tick(self, dt_s)
+            if self.t_s > 1.0:
+                os.kill(os.getpid(), signal.SIGINT)
+
+        def asked_again(self: Simulation) -> float:
+            os.kill(os.getpid(), signal.SIGINT)
+            return complete(self)
+
+        monkeypatch.setattr(Simulation, "_tick", asked)
+        monkeypatch.setattr(Simulation, "_exact_completeness", asked_again)
+        done = fly(tmp_path, "--world", "room", "--time-limit", "60")
+        assert done.code == 130
+        assert done.files == FILES
+        assert done.summary["ended_because"] == "stopped by the user"
+        assert "ending the flight: a moment" in capfd.readouterr().err
+
+    def test_who_kills_it_in_flight_finds_what_was_flown(self, tmp_path: Path) -> None:
+        """Protects an hour of flight from SIGKILL, which no program can answer: rows and map are on the disk."""
+        (tmp_path / "quick.yaml").write_text(QUICK, encoding="utf-8")
+        words = ["sim", "--world", "room", "--config", "quick.yaml", "--out", "flight", "--time-limit", "30000"]
+        endless = "from sitl.sim import simulation\nsimulation.COMPLETE_SHARE = 2.0\n" + COMPANION
+        with subprocess.Popen(
+            [sys.executable, "-c", endless, *words], cwd=tmp_path, stdout=subprocess.DEVNULL
+        ) as process:
+            while process.poll() is None and not list(tmp_path.glob("flight.unfinished-*/map.journal/*.segment")):
+                time.sleep(0.01)
+            time.sleep(0.2)
+            process.kill()
+        (left,) = tmp_path.glob("flight*")
+        assert left.name.startswith("flight.unfinished-")
+        assert {path.name for path in left.iterdir()} == {"trajectory.csv", "map.journal"}
+        rows = (left / "trajectory.csv").read_text(encoding="utf-8").splitlines()
+        assert len(rows) > 20
+        assert {row.count(",") for row in rows} == {len(COLUMNS)}
+        assert facts_of(open_map(left / "map.journal")).occupied > 0
 
     def test_nobody_who_reads_is_no_reason_to_lose_a_mission(self, tmp_path: Path) -> None:
         """Protects an hour of flight from `| head -1`, and from a log on a full disk."""
