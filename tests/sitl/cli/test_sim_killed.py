@@ -54,7 +54,18 @@ class Ended:
 def command(place: Path) -> subprocess.Popen[str]:
     """A mission that flies for `SIMULATED_S`."""
     (place / "quick.yaml").write_text(QUICK, encoding="utf-8")
-    words = [sys.executable, "-c", ENDLESS + COMPANION, "sim", "--world", "room", "--config", "quick.yaml", "--out", "flight"]
+    words = [
+        sys.executable,
+        "-c",
+        ENDLESS + COMPANION,
+        "sim",
+        "--world",
+        "room",
+        "--config",
+        "quick.yaml",
+        "--out",
+        "flight",
+    ]
     return subprocess.Popen(
         [*words, "--time-limit", f"{SIMULATED_S:g}"],
         cwd=place,
