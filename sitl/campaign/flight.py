@@ -24,7 +24,7 @@ def fly(mission: Mission) -> Row:
     """Fly a mission and return its figures; one that raises is told as one that failed, with its error."""
     try:
         with _ONE_A_PROCESS:
-            world = load_world(mission.world, mission.seed, mission.start)
+            world = load_world(mission.world, mission.seed, mission.site.start, mission.site.reading)
             simulation = Simulation(world, mission.settings, mission.seed, mission.vehicles)
             simulation.run(mission.time_limit_s)
             return figures(simulation)

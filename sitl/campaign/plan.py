@@ -94,7 +94,7 @@ def _variants(described: Description, problems: dict[str, None]) -> Iterator[_Va
 def _missions(described: Description, variants: list[_Variant], problems: dict[str, None]) -> Iterator[Mission]:
     texts = [variant.settings.model_dump_json() for variant in variants]
     numbers = itertools.count()
-    for seed, (world, start), (variant, text) in itertools.product(
+    for seed, (world, site), (variant, text) in itertools.product(
         described.seeds, described.worlds.items(), list(zip(variants, texts, strict=True))
     ):
         settings, values = variant.settings, dict(variant.values)
@@ -111,7 +111,7 @@ def _missions(described: Description, variants: list[_Variant], problems: dict[s
         yield Mission(
             number=next(numbers),
             world=world,
-            start=start,
+            site=site,
             seed=seed,
             preset=variant.preset,
             case=variant.case,
@@ -139,7 +139,8 @@ def _world(name: str, described: Description, variants: list[_Variant], problems
     if name == "random":
         return None
     try:
-        world = load_world(name, described.seeds[0], described.worlds[name])
+        site = described.worlds[name]
+        world = load_world(name, described.seeds[0], site.start, site.reading)
         caster = RayCaster(world)
         for variant in variants:
             start_poses(world, caster, variant.settings, described.vehicles, np.random.default_rng(described.seeds[0]))

@@ -51,6 +51,11 @@ class Reading:
         if not 0.01 <= self.cloud_voxel_m <= 2.0:
             raise InputError(f"--cloud-voxel {self.cloud_voxel_m:g}: must be from 0.01 to 2 m")
 
+    def options(self) -> tuple[str, ...]:
+        """The same for a command."""
+        parts = {"--scale": self.scale, "--up": self.up, "--cloud-voxel": self.cloud_voxel_m}
+        return tuple(text for name, value in parts.items() if value is not None for text in (name, str(value)))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
