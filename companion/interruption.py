@@ -44,6 +44,13 @@ def signals_are_ctrl_c(numbers: Sequence[signal.Signals] = ENDS) -> None:
             signal.signal(number, interrupt)
 
 
+def signals_kill() -> None:
+    """The end of `signals_are_ctrl_c`: all is done, and Python takes a while to leave, in which nothing can be lost."""
+    for number in ENDS:
+        if signal.getsignal(number) is interrupt:
+            signal.signal(number, signal.SIG_DFL)
+
+
 @contextmanager
 def handled(numbers: Sequence[signal.Signals], handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
     """Handle signals for a while; those that are ignored stay so."""

@@ -35,7 +35,7 @@ from tests.sitl.scene.test_render import box
 COMPANION = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background is started with SIGINT ignored
-from companion.cli.main import main
+from companion.cli.start import main
 main()
 """
 QUICK = """
