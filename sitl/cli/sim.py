@@ -76,12 +76,12 @@ def simulate(
         with new_folder(default_folder(flown(world, seed)) if out is None else out) as folder:
             with console.status(PREPARING) as status:
                 mine = load_world(world, seed, start, reading)
+                # First: where the start is refused, this says why the mine is not where it was thought to be.
+                _say(console, f"{mine.name}: {mine.description}", *(f"  {remark}" for remark in mine.remarks))
                 simulation = Simulation(
                     mine, settings, seed, vehicles, lambda text: status.update(f"{PREPARING}: {text}")
                 )
-            console.print(f"{mine.name}: {mine.description}", highlight=False, markup=False)
-            for remark in simulation.remarks:
-                console.print(f"  {remark}", highlight=False, soft_wrap=True, markup=False)
+            _say(console, *(f"  {remark}" for remark in simulation.remarks[len(mine.remarks) :]))
             # From here on there is something to lose, and no moment at which a signal would tear it.
             with stopping("ending the flight") as stop, Kept(folder.path, simulation) as kept:
                 failure = _fly(kept, limit_s, console, stop)
@@ -130,9 +130,17 @@ def _say_result(console: Console, simulation: Simulation, summary: dict[str, obj
         f"{simulation.wall_time_s:.0f} s of waiting",
         f"map: {simulation.completeness:.2%} of what can be seen, "
         f"{summary['occupied_voxels']} voxels of {summary['voxel_m']} m",
-        f"least distance to a wall: {summary['least_d_m']} m, contacts: {summary['contacts']}, "
-        f"least clearance of the body: {summary['least_clearance_m']} m",
+        f"least distance to a wall: {_metres(summary['least_d_m'])}, contacts: {summary['contacts']}, "
+        f"least clearance of the body: {_metres(summary['least_clearance_m'])}",
         f"look at: {folder / 'report.html'}",
     ]
+    _say(console, *lines)
+
+
+def _say(console: Console, *lines: str) -> None:
     for line in lines:
-        console.print(line, highlight=False, soft_wrap=True)
+        console.print(line, highlight=False, soft_wrap=True, markup=False)
+
+
+def _metres(value: object) -> str:
+    return "not known" if value is None else f"{value} m"

@@ -291,6 +291,14 @@ class TestWrongInput:
         """Protects from a mission that begins in rock, or nowhere."""
         assert "start" in self.refused(tmp_path, "--world", "room", "--start", *start)
 
+    def test_a_start_outside_of_a_mine_that_says_first_where_that_is(self, tmp_path: Path) -> None:
+        """Protects whoever does not know that the file has another unit, axis or origin than was thought."""
+        mesh = off_file(tmp_path / "hall.off", box((0.0, 0.0, 0.0), (8.0, 8.0, 3.0)))
+        done = fly(tmp_path, "--world", str(mesh), "--up", "y", "--start", "4", "4", "1.5", "0")
+        assert done.code == 2
+        assert "12 triangles, 8 x 3 x 8 m (x 0.00 to 8.00, y -3.00 to 0.00, z 0.00 to 8.00), the file's y" in done.out
+        assert "no floor below it" in done.err
+
     def test_a_folder_with_something_in_it(self, tmp_path: Path) -> None:
         """Protects what is there: an earlier flight is never overwritten or mixed with a new one."""
         (tmp_path / "flight").mkdir()
