@@ -22,7 +22,7 @@ from sitl.campaign.mission import Campaign, Mission, plain
 from sitl.campaign.software import software
 from sitl.mines import World, load_world
 from sitl.scene.raycast import RayCaster
-from sitl.sim.start import start_poses
+from sitl.sim.start import check_room, start_poses
 
 MOST_MISSIONS = 100_000
 """A campaign of more is a typing error: a hundred computers would need weeks."""
@@ -143,7 +143,9 @@ def _world(name: str, described: Description, variants: list[_Variant], problems
         world = load_world(name, described.seeds[0], site.start, site.reading)
         caster = RayCaster(world)
         for variant in variants:
-            start_poses(world, caster, variant.settings, described.vehicles, np.random.default_rng(described.seeds[0]))
+            rng = np.random.default_rng(described.seeds[0])
+            first = start_poses(world, caster, variant.settings, described.vehicles, rng)[0]
+            check_room(world, caster, first, variant.settings)
     except InputError as error:
         problems[f"{described.place(name)}: {error}"] = None
         return None

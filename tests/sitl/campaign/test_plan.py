@@ -157,6 +157,7 @@ cases:
         ("worlds: mine.ply", "mine.ply: there is no such file"),
         ("worlds: [{world: room, start: [1, 2]}]", ":1: worlds.0: "),
         ("worlds: [{world: room, start: [-5, 0, 1.5, 0]}]", ":1: worlds.0: "),
+        ("worlds: [{world: room, start: [3, 0.4, 1, 0]}]", ":1: worlds.0: start (3.00, 0.40, 1.00) in world room: a "),
         ("worlds: [{world: mine.ply, scale: 0}]", ":1: worlds.0: --scale 0: must be a number above 0"),
         ("worlds: [{world: mine.ply, up: x}]", ":1: worlds.0: "),
         ("worlds: [{world: mine.ply, cloud_voxel: 5}]", ":1: worlds.0: --cloud-voxel 5: must be from 0.01 to 2 m"),
