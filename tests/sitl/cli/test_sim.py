@@ -286,7 +286,11 @@ class TestWrongInput:
     @pytest.mark.parametrize("start", [("-1", "1.8", "1.5", "0"), ("2", "0.1", "1.5", "0"), ("2", "1.8", "nan", "0")])
     def test_a_start_inside_a_wall(self, tmp_path: Path, start: tuple[str, ...]) -> None:
         """Protects from a mission that begins in rock, or nowhere."""
-        assert "start" in self.refused(tmp_path, "--world", "room", "--start", *start)
+        done = fly(tmp_path, "--world", "room", "--start", *start)
+        assert done.code == 2
+        assert "start" in done.err
+        assert "Traceback" not in done.err
+        assert left_in(tmp_path) == set()
 
     def test_a_start_outside_of_a_mine_that_says_first_where_that_is(self, tmp_path: Path) -> None:
         """Protects whoever does not know that the file has another unit, axis or origin than was thought."""
