@@ -42,16 +42,12 @@ def quaternion(yaw_rad: float, pitch_rad: float, roll_rad: float) -> tuple[float
 
 
 def angles_of(quaternion: Sequence[float]) -> tuple[float, float, float] | None:
-    """Yaw, pitch and roll in rad of a quaternion (w, x, y, z); None when the four numbers are no rotation."""
-    w, x, y, z = quaternion
-    norm = math.sqrt(w * w + x * x + y * y + z * z)
-    if not 0.5 < norm < 2.0:  # also refuses NaN
-        return None
-    w, x, y, z = w / norm, x / norm, y / norm, z / norm
-    yaw_rad = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    pitch_rad = math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x))))
-    roll_rad = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    return yaw_rad, pitch_rad, roll_rad
+    """Yaw, pitch and roll in rad of a quaternion (w, x, y, z), as `angles_of_rotation` has them.
+
+    None when the four numbers are no rotation.
+    """
+    matrix = rotation_of(quaternion)
+    return None if matrix is None else angles_of_rotation(matrix)
 
 
 def rotation_of(quaternion: Sequence[float]) -> NDArray[np.float64] | None:

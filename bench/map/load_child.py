@@ -22,7 +22,7 @@ from companion.flight.tasks import background
 from companion.gate.runtime.processes import end_with_parent
 from companion.mapping.process.client import MapClient
 from companion.mapping.process.messages import MapStatus
-from companion.mapping.process.supervisor import MAP_NICENESS, ignore_ctrl_c
+from companion.mapping.process.supervisor import MAP_NICENESS, ignore_the_terminal
 from companion.model import DepthFrame
 
 FEED_PERIOD_S, FEED_TURN_RAD = 0.005, 0.3
@@ -93,7 +93,7 @@ class BusyMap(NoMap):
 
 def burn() -> None:
     """Use all of a processor that nobody else wants."""
-    ignore_ctrl_c()
+    ignore_the_terminal()
     end_with_parent(signal.SIGKILL)
     os.nice(MAP_NICENESS)
     while True:

@@ -20,10 +20,10 @@ import typer
 
 from companion.cli import flight as flight_commands
 from companion.cli import safety as safety_commands
-from companion.cli.interruption import signals_are_ctrl_c
 from companion.cli.maps import commands as map_commands
 from companion.cli.options import Config, Preset
 from companion.errors import EXIT_INTERRUPTED, CompanionError
+from companion.interruption import signals_are_ctrl_c
 from companion.output import lossy_output
 
 DISTRIBUTION = "mine-companion"

@@ -14,7 +14,11 @@ def main() -> None:
         for line in leave_out_foreign():
             os.write(2, f"companion: {line}\n".encode(errors="replace"))
         from companion.cli.main import main as run_command
+        from companion.interruption import signals_kill
     except KeyboardInterrupt:
         # 128 + SIGINT, as the command itself ends: it was not loaded yet.
         sys.exit(130)
-    run_command()
+    try:
+        run_command()
+    finally:
+        signals_kill()

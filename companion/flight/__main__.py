@@ -20,6 +20,7 @@ import typer
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
 from companion.flight.gate_socket import GateSocket
 from companion.gate.runtime.processes import end_with_parent
+from companion.interruption import signals_are_ctrl_c
 from companion.output import lossy_output
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -40,7 +41,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     # While nothing flies, the end of the service is the same as Ctrl-C.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    signals_are_ctrl_c(_SIGNALS)
+    # Of a terminal that is closed the gate hears too, and asks for the end of the flight: this is no death in the air.
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
     # Who loads and compiles looks at no socket, for a minute; from then on the end of the socket is that of the gate.
     end_with_parent(signal.SIGTERM)
     parser = argparse.ArgumentParser(prog="companion.flight", allow_abbrev=False)

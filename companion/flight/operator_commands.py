@@ -61,13 +61,16 @@ class OperatorCommands:
         """SIGINT and SIGTERM ask for the end of a flight; where nothing flies they cancel the task that calls this."""
         loop = asyncio.get_running_loop()
         self._task = asyncio.current_task()
-        for signal_number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(signal_number, self._on_signal)
+        before = {one: signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)}
+        for one in before:
+            loop.add_signal_handler(one, self._on_signal)
         try:
             yield
         finally:
-            for signal_number in (signal.SIGINT, signal.SIGTERM):
-                loop.remove_signal_handler(signal_number)
+            for one, handler in before.items():
+                # The loop would leave the default behind, by which SIGTERM kills whoever is about to say goodbye.
+                loop.remove_signal_handler(one)
+                signal.signal(one, handler)
 
     @contextlib.contextmanager
     def enter_key(self) -> Iterator[None]:

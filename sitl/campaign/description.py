@@ -13,7 +13,8 @@ from companion.config.source import as_yaml
 from companion.errors import InputError
 from sitl.campaign import ranges
 from sitl.campaign.given import Given, of_file
-from sitl.mines.start_beside import Start
+from sitl.campaign.mission import Site
+from sitl.mines.placing import Reading
 
 KEYS = ("worlds", "seeds", "preset", "config", "vehicles", "time_limit_s", "settings", "draws", "cases")
 
@@ -33,7 +34,7 @@ class Description:
     """A campaign as it was asked for; each part of it can be used by itself.
 
     Attributes:
-        worlds: as for ``companion sim --world``, and the start where one was given.
+        worlds: as for ``companion sim --world``, and what was said of each.
         seeds: of the missions in each world.
         presets: each is flown; empty for the one that ``config`` chooses.
         config: the vehicle's settings file above the presets, or None.
@@ -45,7 +46,7 @@ class Description:
         places: where each key, each setting, each setting of a case and each world was given.
     """
 
-    worlds: Mapping[str, Start | None] = field(default_factory=lambda: {"complex": None})
+    worlds: Mapping[str, Site] = field(default_factory=lambda: {"complex": Site()})
     seeds: tuple[int, ...] = tuple(range(1, 21))
     presets: tuple[str, ...] = ()
     config: Path | None = None
@@ -118,13 +119,13 @@ _EXAMPLES = {
 }
 
 
-def _worlds(given: Given, places: dict[str, str]) -> dict[str, Start | None]:
-    found = dict[str, Start | None]()
+def _worlds(given: Given, places: dict[str, str]) -> dict[str, Site]:
+    found = dict[str, Site]()
     for number in range(len(given.value) if isinstance(given.value, list) else 1):
         item = given.item(number)
-        start = None
+        site = Site()
         if isinstance(item.value, dict):
-            name, start = _with_start(item.value, item.place)
+            name, site = _with_site(item.value, item.place)
             names: tuple[str, ...] = (name,)
         else:
             names = ranges.names(item.value, item.place)
@@ -133,22 +134,35 @@ def _worlds(given: Given, places: dict[str, str]) -> dict[str, Start | None]:
             world = str((given.beside / name).absolute()) if Path(name).suffix else name
             if world in found:
                 raise InputError(f"{item.place}: {name} is there twice; no mission is flown twice")
-            found[world], places[world] = start, item.place
+            found[world], places[world] = site, item.place
     if not found:
         raise InputError(f"{given.place}: there is no world; give at least one")
     return found
 
 
-def _with_start(item: Mapping[str, object], place: str) -> tuple[str, Start]:
-    name, start = item.get("world"), item.get("start")
+def _with_site(item: Mapping[str, object], place: str) -> tuple[str, Site]:
+    name, start, up = item.get("world"), item.get("start"), item.get("up")
     numbers = [_number(value) for value in start] if isinstance(start, list) else []
-    if set(item) != {"world", "start"} or not isinstance(name, str) or len(numbers) != 4 or None in numbers:
+    scale, voxel_m = (_number(item.get(key)) for key in ("scale", "cloud_voxel"))
+    unusable = (
+        not isinstance(name, str)
+        or not item.keys() <= {"world", "start", "scale", "up", "cloud_voxel"}
+        or ("start" in item and (len(numbers) != 4 or None in numbers))
+        or ("scale" in item and scale is None)
+        or ("cloud_voxel" in item and voxel_m is None)
+        or up not in (None, "y", "z")
+    )
+    if unusable:
         raise InputError(
             f"{place}: {as_yaml(item)} cannot be used; give a name, or {{world: NAME|MESH, start: [x, y, z, yaw]}} in "
-            "m and rad"
+            "m and rad, with scale: FACTOR, up: y|z and cloud_voxel: M where a file needs them"
         )
-    x_m, y_m, z_m, yaw_rad = (float(value) for value in numbers if value is not None)
-    return name, (x_m, y_m, z_m, yaw_rad)
+    try:
+        reading = Reading(scale, "y" if up == "y" else "z" if up == "z" else None, voxel_m or Reading().cloud_voxel_m)
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None
+    x_m, y_m, z_m, yaw_rad = (value or 0.0 for value in numbers) if numbers else (0.0,) * 4
+    return str(name), Site((x_m, y_m, z_m, yaw_rad) if numbers else None, reading)
 
 
 def _presets(given: Given) -> tuple[str, ...]:

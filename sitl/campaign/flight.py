@@ -21,22 +21,15 @@ _ONE_A_PROCESS = threading.Lock()
 
 
 def fly(mission: Mission) -> Row:
-    """Fly a mission and return its figures; one that raises is told as one that failed, with its error.
-
-    Raises:
-        KeyboardInterrupt: it was interrupted, and has no result.
-    """
+    """Fly a mission and return its figures; one that raises is told as one that failed, with its error."""
     try:
         with _ONE_A_PROCESS:
-            world = load_world(mission.world, mission.seed, mission.start)
+            world = load_world(mission.world, mission.seed, mission.site.start, mission.site.reading)
             simulation = Simulation(world, mission.settings, mission.seed, mission.vehicles)
             simulation.run(mission.time_limit_s)
-            found = figures(simulation)
+            return figures(simulation)
     except Exception as error:  # noqa: BLE001 - one bad mission must not end the thousand others
         return failure(f"{type(error).__name__}: {error}", traceback.format_exc())
-    if simulation.ended_because == "stopped by the user":
-        raise KeyboardInterrupt
-    return found
 
 
 def figures(simulation: Simulation) -> Row:

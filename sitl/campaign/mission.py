@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from companion.config.settings import Settings
+from sitl.mines.placing import Reading
 from sitl.mines.start_beside import Start
 
 Row = dict[str, object]
@@ -19,13 +20,26 @@ FAILED = "failed"
 
 
 @dataclass(frozen=True, slots=True)
+class Site:
+    """What a campaign says of a world beside its name.
+
+    Attributes:
+        start: x, y, z in m and yaw in rad, or None for the world's own.
+        reading: how its file is read, where it is a mesh or a cloud.
+    """
+
+    start: Start | None = None
+    reading: Reading = field(default_factory=Reading)
+
+
+@dataclass(frozen=True, slots=True)
 class Mission:
     """Everything that decides how a mission goes: flown anywhere, in any order, it leaves the same row.
 
     Attributes:
         number: its place in the campaign, from 0.
         world: as for ``companion sim --world``.
-        start: x, y, z in m and yaw in rad, or None for the world's own.
+        site: where in it, and how its file is read.
         seed: draws start, noise and every choice.
         preset: name of the preset below all settings.
         case: name of the case that it belongs to; empty where there are none.
@@ -37,7 +51,7 @@ class Mission:
 
     number: int
     world: str
-    start: Start | None
+    site: Site
     seed: int
     preset: str
     case: str

@@ -22,7 +22,7 @@ from sitl.campaign.mission import Campaign, Mission, plain
 from sitl.campaign.software import software
 from sitl.mines import World, load_world
 from sitl.scene.raycast import RayCaster
-from sitl.sim.start import start_poses
+from sitl.sim.start import check_room, start_poses
 
 MOST_MISSIONS = 100_000
 """A campaign of more is a typing error: a hundred computers would need weeks."""
@@ -94,7 +94,7 @@ def _variants(described: Description, problems: dict[str, None]) -> Iterator[_Va
 def _missions(described: Description, variants: list[_Variant], problems: dict[str, None]) -> Iterator[Mission]:
     texts = [variant.settings.model_dump_json() for variant in variants]
     numbers = itertools.count()
-    for seed, (world, start), (variant, text) in itertools.product(
+    for seed, (world, site), (variant, text) in itertools.product(
         described.seeds, described.worlds.items(), list(zip(variants, texts, strict=True))
     ):
         settings, values = variant.settings, dict(variant.values)
@@ -111,7 +111,7 @@ def _missions(described: Description, variants: list[_Variant], problems: dict[s
         yield Mission(
             number=next(numbers),
             world=world,
-            start=start,
+            site=site,
             seed=seed,
             preset=variant.preset,
             case=variant.case,
@@ -139,10 +139,13 @@ def _world(name: str, described: Description, variants: list[_Variant], problems
     if name == "random":
         return None
     try:
-        world = load_world(name, described.seeds[0], described.worlds[name])
+        site = described.worlds[name]
+        world = load_world(name, described.seeds[0], site.start, site.reading)
         caster = RayCaster(world)
         for variant in variants:
-            start_poses(world, caster, variant.settings, described.vehicles, np.random.default_rng(described.seeds[0]))
+            rng = np.random.default_rng(described.seeds[0])
+            first = start_poses(world, caster, variant.settings, described.vehicles, rng)[0]
+            check_room(world, caster, first, variant.settings)
     except InputError as error:
         problems[f"{described.place(name)}: {error}"] = None
         return None

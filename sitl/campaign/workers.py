@@ -6,7 +6,6 @@ them outlives the process that started it, however that ends.
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
 from collections.abc import Callable
@@ -16,13 +15,12 @@ from contextlib import suppress
 from multiprocessing import get_context
 from typing import Protocol, Self
 
-from companion.cli.interruption import ENDS
+from companion.gate.runtime.processes import end_with_parent
+from companion.interruption import ENDS
 from sitl.campaign.mission import Mission, Row
 
 Fly = Callable[[Mission], Row]
 """Flies a mission and returns its figures; found by its name in every worker."""
-
-_PR_SET_PDEATHSIG = 1
 
 
 class Workers(Protocol):
@@ -111,6 +109,6 @@ class LocalWorkers:
 
 def _end_with(parent: int) -> None:
     """In a worker: die when its parent does."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL))
+    end_with_parent(signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(1)  # it had died before this could be asked

@@ -10,6 +10,7 @@ from pathlib import Path
 from companion.config.show import dump_yaml
 from companion.mapping.files.whole import whole_file
 from sitl.campaign.mission import FAILED, Campaign, Mission, Row
+from sitl.mines.placing import Reading
 from sitl.report.cards import number
 
 AGAIN = "again"
@@ -77,8 +78,10 @@ def worst_of(campaign: Campaign, rows: Sequence[Row]) -> list[Worst]:
 def again(folder: Path, mission: Mission) -> str:
     """The command that flies a mission again, with its map and its own report."""
     words = ["companion", "sim", "--world", mission.world, "--seed", str(mission.seed)]
-    if mission.start is not None:
-        words += ["--start", *map(repr, mission.start)]
+    if mission.site.start is not None:
+        words += ["--start", *map(repr, mission.site.start)]
+    if mission.site.reading != Reading():
+        words += mission.site.reading.options()
     words += ["--preset", mission.preset, "--config", str(folder / settings_file(mission))]
     words += ["--time-limit", repr(mission.time_limit_s)]
     if mission.vehicles > 1:

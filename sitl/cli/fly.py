@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import typer
 
 from companion.errors import CompanionError, InputError
-from sitl.cli.mesh_options import DEFAULT_CLOUD_VOXEL_M, CloudVoxel, Scale, UpAxis, spelled
+from sitl.cli.mesh_options import DEFAULT_CLOUD_VOXEL_M, CloudVoxel, Scale, UpAxis
 from sitl.launch.processes import Crew, FlightPlan, run_to_its_end
 from sitl.launch.real import find
 from sitl.mines.placing import Reading
@@ -58,7 +58,7 @@ def fly(
         personality=personality,
         gps=not no_gps,
         world=world,
-        mesh=spelled(Reading(scale, up, cloud_voxel)),
+        mesh=Reading(scale, up, cloud_voxel).options(),
         seed=seed,
         time_limit_s=time_limit,
         autopilot=() if boot_s is None else ("--boot-s", f"{boot_s:g}"),

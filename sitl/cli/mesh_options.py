@@ -22,9 +22,3 @@ CloudVoxel = Annotated[
     typer.Option("--cloud-voxel", metavar="M", help="Points without triangles: voxels that their surface is made of."),
 ]
 DEFAULT_CLOUD_VOXEL_M = Reading().cloud_voxel_m
-
-
-def spelled(reading: Reading) -> tuple[str, ...]:
-    """The same options for another command."""
-    parts = {"--scale": reading.scale, "--up": reading.up, "--cloud-voxel": reading.cloud_voxel_m}
-    return tuple(text for name, value in parts.items() if value is not None for text in (name, str(value)))

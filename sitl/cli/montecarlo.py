@@ -12,10 +12,10 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from companion.cli.interruption import finishing
 from companion.cli.options import Config
 from companion.config.source import as_yaml
 from companion.errors import CompanionError, InputError
+from companion.interruption import finishing
 from sitl.campaign import table
 from sitl.campaign.description import read
 from sitl.campaign.flight import fly

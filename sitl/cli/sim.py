@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
-from companion.cli.interruption import finishing
 from companion.cli.options import Config, Preset
 from companion.config.load import load
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
+from companion.interruption import finishing, stopping
 from sitl.cli.mesh_options import DEFAULT_CLOUD_VOXEL_M, CloudVoxel, Scale, UpAxis
 from sitl.mines import load_world
 from sitl.mines.placing import Reading
+from sitl.report.kept import Kept
 from sitl.report.run_folder import default_folder, flown, new_folder, write_run
 from sitl.sim.display import Display, clock
-from sitl.sim.simulation import Simulation
+from sitl.sim.simulation import Progress, Simulation
 
 PREPARING = "preparing the mine (the very first flight compiles the fast parts, about a minute)"
 
@@ -74,15 +76,17 @@ def simulate(
         with new_folder(default_folder(flown(world, seed)) if out is None else out) as folder:
             with console.status(PREPARING) as status:
                 mine = load_world(world, seed, start, reading)
+                # First: where the start is refused, this says why the mine is not where it was thought to be.
+                _say(console, f"{mine.name}: {mine.description}", *(f"  {remark}" for remark in mine.remarks))
                 simulation = Simulation(
                     mine, settings, seed, vehicles, lambda text: status.update(f"{PREPARING}: {text}")
                 )
-            console.print(f"{mine.name}: {mine.description}", highlight=False, markup=False)
-            for remark in simulation.remarks:
-                console.print(f"  {remark}", highlight=False, soft_wrap=True, markup=False)
-            failure = _fly(simulation, limit_s, console)
-            with console.status("writing map and report"), finishing("writing map and report"):
-                summary = write_run(folder.path, simulation, loaded.preset, config)
+            _say(console, *(f"  {remark}" for remark in simulation.remarks[len(mine.remarks) :]))
+            # From here on there is something to lose, and no moment at which a signal would tear it.
+            with stopping("ending the flight") as stop, Kept(folder.path, simulation) as kept:
+                failure = _fly(kept, limit_s, console, stop)
+                with console.status("writing map and report"), finishing("writing map and report"):
+                    summary = write_run(kept, loaded.preset, config)
     except BaseException:
         if folder is not None and folder.target.is_dir() and any(folder.target.iterdir()):
             typer.echo(f"what had been written is in {folder.target}", err=True)
@@ -103,11 +107,17 @@ def simulate(
         )
 
 
-def _fly(simulation: Simulation, limit_s: float, console: Console) -> Exception | None:
+def _fly(kept: Kept, limit_s: float, console: Console, stop: Callable[[], bool]) -> Exception | None:
     """Fly; a mistake of ours ends the flight, and what was flown until then is written all the same."""
+    simulation = kept.simulation
     try:
         with Display(console) as display:
-            simulation.run(limit_s, display)
+
+            def show(progress: Progress) -> None:
+                display(progress)
+                kept.look()
+
+            simulation.run(limit_s, show, stop)
     except Exception as error:  # noqa: BLE001 - it is raised again when the results are safe
         simulation.ended_because = f"failed: {error!r}"
         return error
@@ -122,11 +132,19 @@ def _say_result(console: Console, simulation: Simulation, summary: dict[str, obj
         f"{simulation.wall_time_s:.0f} s of waiting",
         f"map: {simulation.completeness:.2%} of what can be seen, "
         f"{summary['occupied_voxels']} voxels of {summary['voxel_m']} m",
-        f"least distance to a wall: {summary['least_d_m']} m, contacts: {summary['contacts']}, "
-        f"least clearance of the body: {summary['least_clearance_m']} m",
+        f"least distance to a wall: {_metres(summary['least_d_m'])}, contacts: {summary['contacts']}, "
+        f"least clearance of the body: {_metres(summary['least_clearance_m'])}",
         f"navigation graph: {graph['vertices']} vertices, {graph['edges']} edges, {graph['exits_untaken']} of "
         f"{graph['exits']} exits not taken, {graph['exits_unvisited']} of them never come to",
         f"look at: {folder / 'report.html'}",
     ]
+    _say(console, *lines)
+
+
+def _say(console: Console, *lines: str) -> None:
     for line in lines:
-        console.print(line, highlight=False, soft_wrap=True)
+        console.print(line, highlight=False, soft_wrap=True, markup=False)
+
+
+def _metres(value: object) -> str:
+    return "not known" if value is None else f"{value} m"

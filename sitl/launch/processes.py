@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from companion.cli.interruption import handled
 from companion.config.load import load, merge
 from companion.config.settings import Settings
+from companion.interruption import handled
 from sitl.launch.program import Ports, Program, Running, tied
 from sitl.launch.real import RealAutopilot
 

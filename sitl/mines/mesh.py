@@ -58,6 +58,7 @@ def mesh_world(path: Path, start: Start | None, reading: Reading | None = None) 
         f"mesh file {path.name}",
         (float(place.origin_m[0]), float(place.origin_m[1]), float(place.origin_m[2])),
         tuple(remarks),
+        place.scale,
     )
 
 

@@ -51,6 +51,11 @@ class Reading:
         if not 0.01 <= self.cloud_voxel_m <= 2.0:
             raise InputError(f"--cloud-voxel {self.cloud_voxel_m:g}: must be from 0.01 to 2 m")
 
+    def options(self) -> tuple[str, ...]:
+        """The same for a command."""
+        parts = {"--scale": self.scale, "--up": self.up, "--cloud-voxel": self.cloud_voxel_m}
+        return tuple(text for name, value in parts.items() if value is not None for text in (name, str(value)))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
@@ -88,7 +93,7 @@ def placed(path: Path, geometry: Geometry, reading: Reading) -> Placed:
     # A mine that reaches to the origin stays where it is, to the last bit.
     away = np.where(low > FAR_M, low, np.where(high < -FAR_M, high, 0.0))
     origin = np.where(away != 0.0, np.round((low + high) / 2 / ORIGIN_STEP_M) * ORIGIN_STEP_M, 0.0)
-    remarks = [_extent(low, high, scale, geometry)]
+    remarks = [_extent(low, high, scale, up, geometry)]
     if reading.up is None and geometry.up == "z" and high[1] - low[1] < min(high[0] - low[0], high[2] - low[2]):
         remarks.append("the shortest extent is along y: if the mesh lies on its side, it is y up: --up y")
     remarks += _coarse(path, geometry.step * scale)
@@ -120,9 +125,11 @@ def _check_size(path: Path, low: Array, high: Array, scale: float) -> None:
     raise InputError(f"{said}: no mine is longer than {MOST_EXTENT_M:g} m or higher than {MOST_HEIGHT_M:g} m; {guess}")
 
 
-def _extent(low: Array, high: Array, scale: float, geometry: Geometry) -> str:
+def _extent(low: Array, high: Array, scale: float, up: Up, geometry: Geometry) -> str:
     kind = f"{len(geometry.triangles)} triangles" if len(geometry.triangles) else f"{len(geometry.vertices)} points"
     scaled = "" if scale == 1.0 else f", one unit being {scale:g} m"
+    if up == "y":
+        scaled += ", the file's y being up"
     # Rounded first, and with 0 added: there is no minus 0.
     ends = np.round([low, high], 2).T + 0.0
     bounds = ", ".join(f"{axis} {a:.2f} to {b:.2f}" for axis, (a, b) in zip("xyz", ends, strict=True))

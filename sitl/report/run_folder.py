@@ -20,10 +20,10 @@ from companion.mapping.files import write as write_map_file
 from companion.mapping.files.graph_file import write_graph
 from companion.mapping.files.ground_file import write_known_ground
 from companion.mapping.files.whole import whole_file
-from companion.mapping.journal import JOURNAL_NAME, Header, Journal
+from companion.mapping.journal import JOURNAL_NAME
 from companion.recording.folder import free_names
 from sitl.report import ReportData, overview_png, plan_of, write_report
-from sitl.sim.simulation import Simulation
+from sitl.report.kept import Kept
 
 
 def default_folder(what: str) -> Path:
@@ -101,8 +101,13 @@ def new_folder(target: Path) -> Iterator[RunFolder]:
     folder.become()
 
 
-def write_run(folder: Path, simulation: Simulation, preset: str, config: Path | None) -> dict[str, object]:
+def write_run(kept: Kept, preset: str, config: Path | None) -> dict[str, object]:
     """Write trajectories, map, summary and report into a folder: each by itself, first what cannot be made again.
+
+    Args:
+        kept: the mission, its folder, and what is there of it already.
+        preset: name of the preset below all settings.
+        config: the file with settings above it.
 
     Returns:
         The summary; ``unwritten`` in it names what could not be written, and why.
@@ -111,6 +116,7 @@ def write_run(folder: Path, simulation: Simulation, preset: str, config: Path | 
         KeyboardInterrupt: it was interrupted; what had been written by then is there, and the summary names the rest.
         OSError: not even the summary could be written.
     """
+    folder, simulation = kept.folder, kept.simulation
     settings = simulation.settings
     voxels = simulation.merged_map()
     summary = simulation.score()
@@ -119,14 +125,10 @@ def write_run(folder: Path, simulation: Simulation, preset: str, config: Path | 
     summary["unwritten"] = unwritten = dict[str, str]()
     settings_yaml = dump_yaml(settings)
 
-    def journal(path: Path) -> None:
-        with Journal.open(path, Header.of(settings.mapping)) as file:
-            file.append_all(voxels)
-
-    writers: dict[str, Callable[[Path], object]] = {JOURNAL_NAME: journal}
-    for flight in simulation.flights:
-        name = "trajectory.csv" if len(simulation.flights) == 1 else f"trajectory-{flight.log.vehicle_id}.csv"
-        writers[name] = flight.log.write_csv
+    writers: dict[str, Callable[[Path], object]] = {JOURNAL_NAME: lambda _: kept.keep_map()}
+    writers.update((kept.trajectory(flight.log).name, flight.log.write_csv) for flight in simulation.flights)
+    # Of these what is whole stays, though its end is missing: the journal tells by itself how far it goes.
+    stays = set(writers)
     graphs = tuple(flight.navigator.graph.snapshot() for flight in simulation.flights)
     for flight, graph in zip(simulation.flights, graphs, strict=True):
         of = "" if len(graphs) == 1 else f"-{flight.log.vehicle_id}"
@@ -168,8 +170,8 @@ def write_run(folder: Path, simulation: Simulation, preset: str, config: Path | 
             try:
                 write(folder / name)
             except BaseException as error:
-                # Half a file would be taken for a whole one; the journal tells by itself how far it is whole.
-                if name != JOURNAL_NAME:
+                # Half a file would be taken for a whole one.
+                if name not in stays:
                     (folder / name).unlink(missing_ok=True)
                 if not isinstance(error, OSError | MemoryError | CompanionError):
                     raise

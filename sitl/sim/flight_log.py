@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.mapping.files.whole import whole_file
 from companion.model import Measurement, Mode, Pose, Setpoint
 
 COLUMNS = (
@@ -17,6 +17,10 @@ COLUMNS = (
     *("speed_mps", "setpoint_speed_mps", "setpoint_climb_mps", "setpoint_yaw_rate_radps"),
 )
 MODES = tuple(Mode)
+
+CSV_HEADER = ",".join(("t_s", "mode", *COLUMNS[1:])) + "\r\n"
+_ROW = ",".join(("%.4f", "%s", *["%.4f"] * (len(COLUMNS) - 1))) + "\r\n"
+_BLOCK = 4096
 
 
 class FlightLog:
@@ -66,10 +70,21 @@ class FlightLog:
         return self._rows[: self._size, 1:4]
 
     def write_csv(self, path: Path) -> None:
-        """Write every tick; an unknown value is an empty cell."""
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(("t_s", "mode", *COLUMNS[1:]))
-            for row, mode in zip(self._rows[: self._size], self.modes, strict=True):
-                cells = ["" if np.isnan(value) else f"{value:.4f}" for value in row]
-                writer.writerow((cells[0], str(MODES[mode]), *cells[1:]))
+        """Write every tick, in place of what is there only when all is written; an unknown value is an empty cell.
+
+        Raises:
+            OSError: it cannot be written; what was there before still is.
+        """
+        with whole_file(path) as file:
+            file.write(CSV_HEADER.encode())
+            for first in range(0, self._size, _BLOCK):
+                file.write(self.csv_rows(first, first + _BLOCK).encode())
+
+    def csv_rows(self, first: int = 0, end: int | None = None) -> str:
+        """The lines of the ticks from ``first`` on, up to ``end``."""
+        some = slice(first, self._size if end is None else min(end, self._size))
+        modes = [str(MODES[mode]) for mode in self._modes[some].tolist()]
+        lines = (
+            _ROW % (values[0], mode, *values[1:]) for values, mode in zip(self._rows[some].tolist(), modes, strict=True)
+        )
+        return "".join(lines).replace(",nan", ",")

@@ -65,13 +65,12 @@ def advice(world: World, caster: RayCaster, pose: Pose, room: Room) -> str:
     place = nearest_place(world, caster, pose, room)
     if place is None:
         return "no place in this mine was found that has room for the vehicle: is the mesh in m, and is it closed?"
-    in_file = (part + origin for part, origin in zip(place, world.origin_m, strict=True))
-    numbers = " ".join(f"{part:.2f}" for part in (*in_file, pose.yaw_rad))
+    numbers = " ".join((*world.in_file(*place), f"{pose.yaw_rad:.2f}"))
     return f"the nearest place that would do: --start {numbers}"
 
 
 def nearest_place(world: World, caster: RayCaster, pose: Pose, room: Room) -> tuple[float, float, float] | None:
-    """The nearest place with room, x, y and z in whole cm; None when none was found.
+    """The nearest place with room, x, y and z as they are typed; None when none was found.
 
     Floors are covered with points, and what is at flying height above them is tried from the nearest on; then once
     more, closer together, no further away than what was found; then back from there towards ``pose``. So the place is
@@ -82,11 +81,11 @@ def nearest_place(world: World, caster: RayCaster, pose: Pose, room: Room) -> tu
         best: Array | None = None
         for _ in range(2):
             reach_m = math.inf if best is None else float(np.linalg.norm(best - wanted))
-            found = _first(caster, _above_floors(world, wanted, room.height_m, reach_m), wanted, room, mine)
+            found = _first(world, caster, _above_floors(world, wanted, room.height_m, reach_m), wanted, room, mine)
             best = best if found is None else found
         if best is not None:
             steps = np.arange(_ALONG + 1)[:, None] / _ALONG
-            nearer = _first(caster, wanted + steps * (best - wanted), wanted, room, mine)
+            nearer = _first(world, caster, wanted + steps * (best - wanted), wanted, room, mine)
             x_m, y_m, z_m = (best if nearer is None else nearer).tolist()
             return x_m, y_m, z_m
     return None
@@ -110,9 +109,9 @@ def _above_floors(world: World, wanted: Array, height_m: float, reach_m: float) 
     return np.asarray(first + u * (second - first) + v * (third - first) + [0.0, 0.0, height_m])
 
 
-def _first(caster: RayCaster, places: Array, wanted: Array, room: Room, mine: _Mine) -> Array | None:
-    """Of ``places`` (n, 3), in whole cm, the nearest to ``wanted`` that has room; None when none has."""
-    places = np.round(places, 2)
+def _first(world: World, caster: RayCaster, places: Array, wanted: Array, room: Room, mine: _Mine) -> Array | None:
+    """Of ``places`` (n, 3), as they are typed, the nearest to ``wanted`` that has room; None when none has."""
+    places = world.typed(places)
     places = places[np.argsort(np.linalg.norm(places - wanted, axis=1), kind="stable")]
     for begin in range(0, len(places), _BATCH):
         some = places[begin : begin + _BATCH]

@@ -99,34 +99,40 @@ class Simulation:
         self._found = np.zeros(len(self.truth.samples_m), np.bool_)
         self._next_check_s = 0.0
 
-    def run(self, time_limit_s: float, show: Callable[[Progress], None] | None = None) -> None:
+    def run(
+        self,
+        time_limit_s: float,
+        show: Callable[[Progress], None] | None = None,
+        stop: Callable[[], bool] = lambda: False,
+    ) -> None:
         """Fly until the map is complete, a vehicle touches something or misses inputs for long, or the time is up.
 
         Args:
             time_limit_s: simulated time, in s.
             show: called at every look at the completeness.
+            stop: asked before every tick: whether the user wants the end.
         """
         began = time.perf_counter()
         dt_s = self.settings.control.period_s
-        try:
-            while not self.ended_because:
-                if self.t_s >= self._next_check_s:
-                    self._check()
-                    if show is not None:
-                        show(Progress(self.t_s, self.completeness, self.flights))
-                    if self.completed_at_s is not None:
-                        self.ended_because = "complete"
-                        break
-                self._tick(dt_s)
-                if any(flight.touched for flight in self.flights):
-                    self.ended_because = "contact"
-                elif any(flight.blind_s > self.settings.mission.input_timeout_s for flight in self.flights):
-                    # As in a real flight: over a hole without ground it would hover until something pushes it.
-                    self.ended_because = "inputs lost"
-                elif self.t_s >= time_limit_s:
-                    self.ended_because = "time limit"
-        except KeyboardInterrupt:
-            self.ended_because = "stopped by the user"
+        while not self.ended_because:
+            if self.t_s >= self._next_check_s:
+                self._check()
+                if show is not None:
+                    show(Progress(self.t_s, self.completeness, self.flights))
+                if self.completed_at_s is not None:
+                    self.ended_because = "complete"
+                    break
+            if stop():
+                self.ended_because = "stopped by the user"
+                break
+            self._tick(dt_s)
+            if any(flight.touched for flight in self.flights):
+                self.ended_because = "contact"
+            elif any(flight.blind_s > self.settings.mission.input_timeout_s for flight in self.flights):
+                # As in a real flight: over a hole without ground it would hover until something pushes it.
+                self.ended_because = "inputs lost"
+            elif self.t_s >= time_limit_s:
+                self.ended_because = "time limit"
         self.wall_time_s = time.perf_counter() - began
         self.completeness = self._exact_completeness()
         self.progress.append((self.t_s, self.completeness))

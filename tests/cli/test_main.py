@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from companion.cli import main as cli
 from companion.config.load import load_settings
 from companion.config.show import dump_yaml
 from companion.errors import CompanionError, InputError
+from companion.interruption import ENDS
 from companion.safety_case.passages import passages
 
 COMPANION = [sys.executable, "-c", "from companion.cli.main import main; main()"]
@@ -130,6 +132,21 @@ print(sorted({"numba", "open3d", "matplotlib", "sitl.cli.sim"} & set(sys.modules
             process.stdout.close()
             assert process.stderr is not None
             assert process.stderr.read() == b""
+
+    @pytest.mark.parametrize("number", ENDS)
+    def test_a_signal_when_all_is_done_is_no_traceback(self, number: signal.Signals) -> None:
+        """Protects from being told of a failure: Python takes a while to leave, and what was written is written."""
+        source = f"""
+import atexit, os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background is started with SIGINT ignored
+from companion.cli.start import main
+atexit.register(os.kill, os.getpid(), {int(number)})
+sys.argv = ["companion", "--version"]
+main()
+"""
+        done = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=False)
+        assert done.stdout.startswith(version("mine-companion"))
+        assert (done.returncode, done.stderr) == (-number, "")
 
     @pytest.mark.parametrize("arguments", [["--version"], ["--help"], ["config", "show"], ["safety", "budget"]])
     def test_a_full_disk_is_one_line_and_a_failure(self, arguments: list[str]) -> None:

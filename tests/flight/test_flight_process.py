@@ -15,7 +15,7 @@ import pytest
 
 from companion.config.autopilot import AutopilotSettings
 from companion.config.load import load_settings
-from companion.errors import InputError
+from companion.errors import EXIT_INTERRUPTED, InputError
 from companion.flight import __main__ as application
 from companion.flight import mission
 from companion.flight.gate_socket import GateSocket
@@ -23,6 +23,7 @@ from companion.flight.operator_commands import InterruptedFlightError
 from companion.flight.preflight import CheckResult
 from companion.flight.request import FlightRequest, sealed
 from companion.gate.protocol import GATE_FD, Goodbye
+from companion.interruption import ENDS
 from tests.flight.fake_gate import FakeGate
 
 SETTINGS = load_settings()
@@ -42,7 +43,7 @@ def handed(request: FlightRequest) -> Iterator[str]:
 @pytest.fixture(autouse=True)
 def signals() -> Iterator[None]:
     """The process under test sets handlers, which are this one's too."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.getsignal(number) for number in ENDS}
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
@@ -142,6 +143,53 @@ def test_a_log_on_a_full_disk_does_not_end_a_flight() -> None:
         assert ended.returncode == 0, ended.stderr
         assert ended.stderr.count("No space left on device") == 1
         assert fake.heard() == [Goodbye(0)]
+
+
+COMPILED = """
+import os, signal, sys, threading
+from typing import NamedTuple
+import numpy as np
+from numba import njit
+from companion.flight import __main__ as application, mission
+
+class Made(NamedTuple):
+    a: np.ndarray
+
+@njit
+def work(x):
+    s = 0.0
+    for i in range(100_000):
+        s += np.sin(i * x[0])
+    return Made(np.full(3, s))
+
+x = np.ones(2)
+work(x)
+
+async def fly(request, gate, show):
+    ended = 0
+    for number in (signal.SIGINT, signal.SIGTERM) * 6:
+        threading.Timer(0.01 + 0.0007 * ended, os.kill, (os.getpid(), number)).start()
+        try:
+            while True:
+                work(x)
+        except KeyboardInterrupt:
+            ended += 1
+    # A terminal that is closed is no death in the air: the gate asks for the end of the flight in its place.
+    os.kill(os.getpid(), signal.SIGHUP)
+    return {"interrupted": ended == 12, "as_it_should": False}
+
+mission.fly = fly
+sys.exit(application.main())
+"""
+
+
+@pytest.mark.timeout(120)
+def test_what_ends_it_while_it_compiles_or_computes_is_no_crash() -> None:
+    """The gate would take a crash for a death, and start the application again that somebody wanted to end."""
+    with FakeGate() as fake, handed(FLIGHT) as number:
+        ended = fake.run("--request-fd", number, inherit=(int(number),), program=("-c", COMPILED), timeout_s=110.0)
+        assert ended.returncode == EXIT_INTERRUPTED, ended.stderr
+        assert fake.heard() == [Goodbye(EXIT_INTERRUPTED)]
 
 
 def test_an_error_that_nobody_expected_says_no_goodbye(gate: FakeGate, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -97,11 +97,13 @@ def test_a_ground_station_that_is_gone_has_its_order_all_the_same() -> None:
 async def test_signals_ask_for_the_end_of_the_flight(number: signal.Signals) -> None:
     """Ctrl-C in flight must land the vehicle, not break off the program that flies it."""
     operator = OperatorCommands(by_command=False, flight=in_phase(FlightPhase.TAKING_OFF))
+    before = signal.getsignal(number)
     with operator.signals():
         os.kill(os.getpid(), number)
         await asyncio.wait_for(operator.stop.wait(), 5.0)
     assert operator.interrupted
     assert not operator.start.is_set()
+    assert signal.getsignal(number) is before, "whoever is about to say goodbye would die of the next one"
 
 
 async def test_the_enter_key_starts(monkeypatch: pytest.MonkeyPatch) -> None:

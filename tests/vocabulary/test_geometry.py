@@ -11,7 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
-from companion.geometry import angles_of, camera_to_level, camera_to_world, pixel_tangents, quaternion, rotation
+from companion.geometry import (
+    angles_of,
+    camera_to_level,
+    camera_to_world,
+    pixel_tangents,
+    quaternion,
+    rotation,
+    rotation_of,
+)
 from companion.model import Camera, Pose
 
 QUARTER = math.pi / 2.0
@@ -169,3 +177,21 @@ def test_a_quaternion_gives_its_angles_back_or_none() -> None:
     assert angles_of(quaternion(*turned)) == pytest.approx(turned)
     assert angles_of((0.0, 0.0, 0.0, 0.0)) is None
     assert angles_of((math.nan, 0.0, 0.0, 1.0)) is None
+
+
+@given(
+    yaw_rad=angles,
+    pitch_rad=st.one_of(angles, st.sampled_from((-QUARTER, QUARTER)), st.floats(QUARTER - 1e-6, QUARTER + 1e-6)),
+    roll_rad=angles,
+    rounded=st.booleans(),
+)
+def test_the_angles_of_a_quaternion_are_its_rotation_straight_up_and_down_as_well(
+    yaw_rad: float, pitch_rad: float, roll_rad: float, rounded: bool
+) -> None:
+    """Protects the heading of a vehicle that stands on its tail, also from a message in single precision."""
+    numbers = np.array(quaternion(yaw_rad, pitch_rad, roll_rad), np.float32 if rounded else np.float64).tolist()
+    found, turn = angles_of(numbers), rotation_of(numbers)
+    assert found is not None
+    assert turn is not None
+    np.testing.assert_allclose(rotation(*found), turn, atol=2e-7)
+    np.testing.assert_allclose(turn, rotation(yaw_rad, pitch_rad, roll_rad), atol=1e-6 if rounded else ROUNDING)

@@ -83,8 +83,7 @@ def pcd_points(path: Path, progress: Progress) -> Iterator[FloatArray]:
     with _named(path, "PCD"):
         with path.open("rb") as file:
             is_text = any(line.split() == [b"DATA", b"ascii"] for line in islice(file, _MOST_HEADER_LINES))
-        # The library takes one space between two numbers and nothing around them; people's programs write more.
-        cloud = PointCloud.from_fileobj(_single_spaced(path)) if is_text else PointCloud.from_path(path)
+        cloud = PointCloud.from_fileobj(_as_the_library_likes(path)) if is_text else PointCloud.from_path(path)
         columns = np.atleast_1d(cloud.pc_data)
     total = int(cloud.metadata.points)
     if len(columns) != total:
@@ -94,14 +93,22 @@ def pcd_points(path: Path, progress: Progress) -> Iterator[FloatArray]:
     yield from _of_columns(path, "PCD", columns, progress)
 
 
-def _single_spaced(path: Path) -> io.BufferedReader:
-    """A text file with one space between words and none at the ends of lines."""
-    lines = (b" ".join(line.split()) for line in path.read_bytes().splitlines())
+def _as_the_library_likes(path: Path) -> io.BufferedReader:
+    """A text file with one space between words and none at the ends of lines; people's programs write more.
+
+    Whatever size the header gives its numbers, they have the digits that stand there: double precision.
+    """
+    lines = [b" ".join(line.split()) for line in path.read_bytes().splitlines()]
+    header = {line.partition(b" ")[0]: number for number, line in enumerate(lines[:_MOST_HEADER_LINES])}
+    if {b"TYPE", b"SIZE"} <= header.keys():
+        sizes, types = (lines[header[name]].split() for name in (b"SIZE", b"TYPE"))
+        wide = [b"8" if kind == b"F" else size for size, kind in zip(sizes, types, strict=False)]
+        lines[header[b"SIZE"]] = b" ".join([b"SIZE", *wide[1:]])
     return io.BufferedReader(io.BytesIO(b"\n".join(lines)))
 
 
 def _of_columns(path: Path, kind: str, columns: Any, progress: Progress) -> Iterator[FloatArray]:
-    """The fields x, y and z of a structured array, a block of points at a time."""
+    """The fields x, y and z of a structured array in its own precision, a block of points at a time."""
     names = columns.dtype.names or ()
     if missing := [axis for axis in "xyz" if axis not in names]:
         raise MapFileError(
@@ -111,7 +118,7 @@ def _of_columns(path: Path, kind: str, columns: Any, progress: Progress) -> Iter
     for first in range(0, len(columns), BLOCK):
         with _named(path, kind):
             block = columns[first : first + BLOCK]
-            points = np.column_stack([block[axis] for axis in "xyz"]).astype(np.float64)
+            points = np.column_stack([block[axis] for axis in "xyz"])
         yield points
         progress(min(1.0, (first + BLOCK) / len(columns)))
 

@@ -17,7 +17,7 @@ from companion.errors import CompanionError
 from companion.gate.runtime.processes import end_with_parent
 from companion.mapping.journal import JOURNAL_NAME, Journal
 from companion.mapping.process.messages import MapError
-from companion.mapping.process.supervisor import FILES_NICENESS, ignore_ctrl_c, start
+from companion.mapping.process.supervisor import FILES_NICENESS, ignore_the_terminal, start
 
 SAVE_TIMEOUT_S = 600.0
 """A large map on a slow card takes minutes; one that hangs must not keep the application for ever."""
@@ -63,7 +63,7 @@ async def write_files(context: SpawnContext, folder: Path) -> list[Path]:
 
 
 def _serve(pipe: Connection[Written, None], folder: Path) -> None:
-    ignore_ctrl_c()
+    ignore_the_terminal()
     # Nobody hears any more what it has written; each file is whole or not there.
     end_with_parent(signal.SIGKILL)
     os.nice(FILES_NICENESS)

@@ -39,7 +39,7 @@ from companion.mapping.process.messages import (
     Taken,
     ToMap,
 )
-from companion.mapping.process.supervisor import MAP_NICENESS, ignore_ctrl_c
+from companion.mapping.process.supervisor import MAP_NICENESS, ignore_the_terminal
 from companion.model import Camera, DepthFrame, PlanarScan, Pose
 
 REPORT_PERIOD_S = 0.5
@@ -73,7 +73,7 @@ def serve(
     journal: Path | None,
 ) -> None:
     """Be the map until `Stop`, or until the other end of the pipe is gone."""
-    ignore_ctrl_c()
+    ignore_the_terminal()
     os.nice(MAP_NICENESS)
     try:
         voxels = JournaledMap(settings, journal)

@@ -29,6 +29,9 @@ MAP_NICENESS = 15
 FILES_NICENESS = 19
 """The files yield to the control tick, and to the map."""
 
+_OF_A_TERMINAL = (signal.SIGINT, signal.SIGHUP)
+"""Ctrl-C, and the end of the terminal: they reach every process that was started in it."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -203,15 +206,16 @@ class MapSupervisor:
 
 
 def start(process: SpawnProcess) -> None:
-    """Start with SIGINT held back, or a Ctrl-C while the process is loading would end it."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    """Start with the terminal's signals held back, or one while the process is loading would end it."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, _OF_A_TERMINAL)
     try:
         process.start()
     finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _OF_A_TERMINAL)
 
 
-def ignore_ctrl_c() -> None:
-    """In the process: a Ctrl-C in the terminal reaches every process, and the application decides what ends when."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+def ignore_the_terminal() -> None:
+    """In the process: the application decides what ends when."""
+    for number in _OF_A_TERMINAL:
+        signal.signal(number, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _OF_A_TERMINAL)

@@ -12,10 +12,9 @@ from companion.errors import InputError
 from sitl.mines.files.collada import read_collada
 from sitl.mines.files.geometry import Geometry, UnreadableError
 from sitl.mines.files.gltf import read_gltf
-from sitl.mines.files.las import read_las
 from sitl.mines.files.obj import read_obj
 from sitl.mines.files.off import read_off
-from sitl.mines.files.pcd import read_pcd
+from sitl.mines.files.points import read_points
 from sitl.mines.files.stl import read_stl
 from sitl.mines.files.through_open3d import read_ply
 
@@ -27,9 +26,9 @@ _READERS: dict[str, Callable[[Path], Geometry]] = {
     ".glb": read_gltf,
     ".gltf": read_gltf,
     ".dae": read_collada,
-    ".pcd": read_pcd,
-    ".las": read_las,
-    ".laz": read_las,
+    ".pcd": read_points,
+    ".las": read_points,
+    ".laz": read_points,
 }
 
 SUFFIXES = tuple(_READERS)

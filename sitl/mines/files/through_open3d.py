@@ -1,4 +1,4 @@
-"""PLY, and clouds of points, as Open3D reads them: in double precision, if the file has it."""
+"""PLY as Open3D reads it: in double precision, if the file has it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sitl.mines.files.geometry import Geometry, UnreadableError, single_step
 
@@ -45,21 +44,6 @@ def read_ply(path: Path) -> Geometry:
         rb"^property\s+float(32)?\s+x\b", header, re.MULTILINE
     )
     return replace(geometry, step=single_step(geometry.vertices)) if single else geometry
-
-
-def points_of(path: Path) -> NDArray[np.float64]:
-    """The (n, 3) points that Open3D reads of a cloud, those that are not finite among them.
-
-    Raises:
-        UnreadableError: it complains.
-    """
-    import open3d
-
-    with _silenced(open3d) as said:
-        points: NDArray[np.float64] = np.asarray(open3d.io.read_point_cloud(path, remove_nan_points=False).points)
-    if said:
-        raise UnreadableError(f"the file is damaged or not what its name says: {said[0]}")
-    return points
 
 
 def _triangle_mesh(path: Path, faces: int) -> Geometry:

@@ -129,14 +129,15 @@ async def test_a_killed_process_without_a_folder_comes_back_empty(monkeypatch: p
 
 
 async def test_nothing_that_goes_wrong_ends_the_map() -> None:
-    """Protects a flight from one bad image and from a Ctrl-C: images that cannot be used are counted, no more."""
+    """Protects a flight from bad images, Ctrl-C and a terminal that is closed: what cannot be used is counted."""
     async with mapper() as maps:
         other = scenes.camera(40, 30)
         assert not maps.offer(scenes.frame(other, scenes.pose(z_m=1.5), 2.0))
         assert maps.offer(scenes.frame(CAMERA, scenes.pose(z_m=math.nan), 2.0))
         await until(lambda: maps.status.refused == 2, "refused")
-        # In a terminal it goes to every process, and the map must still be there to be saved.
+        # From a terminal they go to every process, and the map must still be there to be saved.
         os.kill(child_of(maps), signal.SIGINT)
+        os.kill(child_of(maps), signal.SIGHUP)
         await asyncio.sleep(0.3)
         await give(maps, images(2))
         assert maps.status.alive

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Self
 
 from companion.config.settings import Settings
-from sitl.campaign.mission import Campaign, Mission, Row
+from sitl.campaign.mission import Campaign, Mission, Row, Site
 from sitl.campaign.workers import Fly
 
 SETTINGS_JSON = Settings().model_dump_json()
@@ -18,7 +18,7 @@ SETTINGS_JSON = Settings().model_dump_json()
 
 def mission(number: int, world: str = "room") -> Mission:
     """A mission whose world is where `bad` and `slow` note that they flew."""
-    return Mission(number, world, None, number + 1, "flight", "", {}, SETTINGS_JSON, 1, 60.0)
+    return Mission(number, world, Site(), number + 1, "flight", "", {}, SETTINGS_JSON, 1, 60.0)
 
 
 def campaign(count: int, world: str = "room") -> Campaign:

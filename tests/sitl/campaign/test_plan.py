@@ -13,6 +13,7 @@ from sitl.campaign.description import KEYS, read
 from sitl.campaign.given import Given, value
 from sitl.campaign.mission import Campaign
 from sitl.campaign.plan import plan
+from sitl.campaign.worst import again
 
 
 def planned(folder: Path, text: str, **options: object) -> Campaign:
@@ -156,6 +157,12 @@ cases:
         ("worlds: mine.ply", "mine.ply: there is no such file"),
         ("worlds: [{world: room, start: [1, 2]}]", ":1: worlds.0: "),
         ("worlds: [{world: room, start: [-5, 0, 1.5, 0]}]", ":1: worlds.0: "),
+        ("worlds: [{world: room, start: [3, 0.4, 1, 0]}]", ":1: worlds.0: start (3.00, 0.40, 1.00) in world room: a "),
+        ("worlds: [{world: mine.ply, scale: 0}]", ":1: worlds.0: --scale 0: must be a number above 0"),
+        ("worlds: [{world: mine.ply, up: x}]", ":1: worlds.0: "),
+        ("worlds: [{world: mine.ply, cloud_voxel: 5}]", ":1: worlds.0: --cloud-voxel 5: must be from 0.01 to 2 m"),
+        ("worlds: [{world: mine.ply, unit: mm}]", ":1: worlds.0: "),
+        ("worlds: [{world: room, scale: 2}]", ":1: worlds.0: world room: --scale, --up and --cloud-voxel are for mesh"),
         ("seeds: 0", ":1: seeds: 0 seeds"),
         ("seeds: [1, 2, 1]", ":1: seeds: 1 is there twice"),
         ("preset: fligt", ':1: preset: no preset is called "fligt"'),
@@ -189,6 +196,10 @@ def test_what_makes_a_campaign_another_one(tmp_path: Path) -> None:
     (tmp_path / "hall.off").write_text(mesh, encoding="utf-8")
     (tmp_path / "vehicle.yaml").write_text("control: {height_m: 1.3}\n", encoding="utf-8")
     text = "{worlds: [{world: hall.off, start: [4, 4, 1.5, 0]}], seeds: 2, config: vehicle.yaml}"
+    in_feet = text.replace("}]", ", scale: 0.9}]")
+    campaign = planned(tmp_path, in_feet)
+    assert again(tmp_path, campaign.missions[0]).count("--start 4.0 4.0 1.5 0.0 --scale 0.9 --cloud-voxel 0.2") == 1
+    assert campaign.identity != planned(tmp_path, text).identity
     before = planned(tmp_path, text).identity
     assert planned(tmp_path, f"# a comment\n{text}").identity == before
     (tmp_path / "hall.off").write_text(mesh.replace("9 9 3", "9 9 4"), encoding="utf-8")

@@ -10,10 +10,10 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
-from companion.cli.interruption import ENDS
+from companion.interruption import ENDS
 from sitl.campaign.flight import fly as fly_really
 from sitl.campaign.folder import claimed
-from sitl.campaign.mission import Mission, Row
+from sitl.campaign.mission import Mission, Row, Site
 from sitl.campaign.run import run
 from sitl.campaign.workers import LocalWorkers
 from tests.sitl.campaign import missions
@@ -126,7 +126,7 @@ def test_a_campaign_that_is_killed_goes_on(tmp_path: Path) -> None:
 
 def test_a_real_mission_leaves_its_figures_and_a_bad_one_its_error() -> None:
     """Protects the row: every figure of the summary, how fast it flew, and of an error where it happened."""
-    short = Mission(0, "room", None, 4, "flight", "", {}, missions.SETTINGS_JSON, 1, 0.5)
+    short = Mission(0, "room", Site(), 4, "flight", "", {}, missions.SETTINGS_JSON, 1, 0.5)
     row = fly_really(short)
     assert (row["world"], row["seed"], row["ended_because"], row["contacts"]) == ("room", 4, "time limit", 0)
     assert {"least_d_m", "speed_mps", "slow_share", "in_d_c_share", "path_length_m", "versions"} <= row.keys()
@@ -135,7 +135,7 @@ def test_a_real_mission_leaves_its_figures_and_a_bad_one_its_error() -> None:
     assert {name: again[name] for name in row if name not in timing} == {
         name: row[name] for name in row if name not in timing
     }
-    in_rock = Mission(0, "room", (-5.0, 0.0, 1.5, 0.0), 4, "flight", "", {}, missions.SETTINGS_JSON, 1, 0.5)
+    in_rock = Mission(0, "room", Site((-5.0, 0.0, 1.5, 0.0)), 4, "flight", "", {}, missions.SETTINGS_JSON, 1, 0.5)
     failed = fly_really(in_rock)
     assert failed["ended_because"] == "failed"
     assert str(failed["error"]).startswith("InputError: ")

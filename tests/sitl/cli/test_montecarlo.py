@@ -30,7 +30,7 @@ TIMING = ("wall_time_s", "times_real_time")
 COMPANION = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background is started with SIGINT ignored
-from companion.cli.main import main
+from companion.cli.start import main
 if __name__ == "__main__":
     main()
 """

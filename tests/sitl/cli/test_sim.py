@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import io
 import json
 import os
@@ -12,7 +11,6 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass
-from datetime import datetime, tzinfo
 from pathlib import Path
 
 import laspy
@@ -21,8 +19,8 @@ import pytest
 
 from companion.cli.main import main
 from companion.config.load import load_settings
-from companion.errors import CompanionError
-from companion.mapping.files import Georeference, MapFileError, write
+from companion.mapping.files import Georeference, MapFileError, open_map, write
+from companion.mapping.files.facts import facts_of
 from companion.mapping.voxels.piece import MapSource
 from sitl.cli import sim
 from sitl.report import run_folder
@@ -34,7 +32,7 @@ from tests.sitl.scene.test_render import box
 COMPANION = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background is started with SIGINT ignored
-from companion.cli.main import main
+from companion.cli.start import main
 main()
 """
 QUICK = """
@@ -293,7 +291,19 @@ class TestWrongInput:
     @pytest.mark.parametrize("start", [("-1", "1.8", "1.5", "0"), ("2", "0.1", "1.5", "0"), ("2", "1.8", "nan", "0")])
     def test_a_start_inside_a_wall(self, tmp_path: Path, start: tuple[str, ...]) -> None:
         """Protects from a mission that begins in rock, or nowhere."""
-        assert "start" in self.refused(tmp_path, "--world", "room", "--start", *start)
+        done = fly(tmp_path, "--world", "room", "--start", *start)
+        assert done.code == 2
+        assert "start" in done.err
+        assert "Traceback" not in done.err
+        assert left_in(tmp_path) == set()
+
+    def test_a_start_outside_of_a_mine_that_says_first_where_that_is(self, tmp_path: Path) -> None:
+        """Protects whoever does not know that the file has another unit, axis or origin than was thought."""
+        mesh = off_file(tmp_path / "hall.off", box((0.0, 0.0, 0.0), (8.0, 8.0, 3.0)))
+        done = fly(tmp_path, "--world", str(mesh), "--up", "y", "--start", "4", "4", "1.5", "0")
+        assert done.code == 2
+        assert "12 triangles, 8 x 3 x 8 m (x 0.00 to 8.00, y -3.00 to 0.00, z 0.00 to 8.00), the file's y" in done.out
+        assert "no floor below it" in done.err
 
     def test_a_folder_with_something_in_it(self, tmp_path: Path) -> None:
         """Protects what is there: an earlier flight is never overwritten or mixed with a new one."""
@@ -403,6 +413,49 @@ class TestInterrupted:
         """Protects an hour of flight from a computer that shuts down: the map is written, and the code is 130."""
         self.ended_in_flight(tmp_path, number)
 
+    def test_who_interrupts_twice_at_once_loses_nothing(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    ) -> None:
+        """Protects an hour of flight from a key that is held down: there is no moment between flight and writing."""
+        tick, complete = Simulation._tick, Simulation._exact_completeness
+
+        def asked(self: Simulation, dt_s: float) -> None:
+            tick(self, dt_s)
+            if self.t_s > 1.0:
+                os.kill(os.getpid(), signal.SIGINT)
+
+        def asked_again(self: Simulation) -> float:
+            os.kill(os.getpid(), signal.SIGINT)
+            return complete(self)
+
+        monkeypatch.setattr(Simulation, "_tick", asked)
+        monkeypatch.setattr(Simulation, "_exact_completeness", asked_again)
+        done = fly(tmp_path, "--world", "room", "--time-limit", "60")
+        assert done.code == 130
+        assert done.files == FILES
+        assert done.summary["ended_because"] == "stopped by the user"
+        assert "ending the flight: a moment" in capfd.readouterr().err
+
+    def test_who_kills_it_in_flight_finds_what_was_flown(self, tmp_path: Path) -> None:
+        """Protects an hour of flight from SIGKILL, which no program can answer: rows and map are on the disk."""
+        (tmp_path / "quick.yaml").write_text(QUICK, encoding="utf-8")
+        words = ["sim", "--world", "room", "--config", "quick.yaml", "--out", "flight", "--time-limit", "30000"]
+        endless = "from sitl.sim import simulation\nsimulation.COMPLETE_SHARE = 2.0\n" + COMPANION
+        with subprocess.Popen(
+            [sys.executable, "-c", endless, *words], cwd=tmp_path, stdout=subprocess.DEVNULL
+        ) as process:
+            while process.poll() is None and not list(tmp_path.glob("flight.unfinished-*/map.journal/*.segment")):
+                time.sleep(0.01)
+            time.sleep(0.2)
+            process.kill()
+        (left,) = tmp_path.glob("flight*")
+        assert left.name.startswith("flight.unfinished-")
+        assert {path.name for path in left.iterdir()} == {"trajectory.csv", "map.journal"}
+        rows = (left / "trajectory.csv").read_text(encoding="utf-8").splitlines()
+        assert len(rows) > 20
+        assert {row.count(",") for row in rows} == {len(COLUMNS)}
+        assert facts_of(open_map(left / "map.journal")).occupied > 0
+
     def test_nobody_who_reads_is_no_reason_to_lose_a_mission(self, tmp_path: Path) -> None:
         """Protects an hour of flight from `| head -1`, and from a log on a full disk."""
         (tmp_path / "quick.yaml").write_text(QUICK + "sim: {time_limit_s: 1.0}\n", encoding="utf-8")
@@ -503,114 +556,3 @@ class TestWhatCannotBeWritten:
         assert set(unwritten) >= {"map.bt", "report.html", "overview.png"}
         assert not done.files & set(unwritten), "half a file is taken for a whole one"
         assert "what had been written is in" in done.err
-
-
-class StoppedClock(datetime):
-    """A clock without a battery."""
-
-    @classmethod
-    def now(cls, tz: tzinfo | None = None) -> StoppedClock:
-        return cls(2000, 1, 1, tzinfo=tz)
-
-
-class TestNewFolder:
-    """Where the files go."""
-
-    def test_an_empty_folder_may_be_used(self, tmp_path: Path) -> None:
-        """Protects whoever makes the folder first."""
-        (tmp_path / "flight").mkdir()
-        with run_folder.new_folder(tmp_path / "flight") as folder:
-            (folder.path / "file").write_text("new", encoding="utf-8")
-        assert (tmp_path / "flight" / "file").read_text(encoding="utf-8") == "new"
-        assert left_in(tmp_path) == {"flight"}
-
-    def test_folders_above_are_made(self, tmp_path: Path) -> None:
-        """Protects the default, a folder below runs/ that may not be there yet."""
-        with run_folder.new_folder(tmp_path / "runs" / "a") as folder:
-            (folder.path / "file").touch()
-        assert (tmp_path / "runs" / "a" / "file").exists()
-
-    def test_the_name_appears_only_when_it_is_whole(self, tmp_path: Path) -> None:
-        """Protects whoever waits for the folder."""
-        with run_folder.new_folder(tmp_path / "flight"):
-            assert not (tmp_path / "flight").exists()
-        assert (tmp_path / "flight").is_dir()
-
-    def test_the_present_folder_may_be_meant(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        """Protects `--out .` in an empty folder: refused before the flight or filled after it, never lost."""
-        monkeypatch.chdir(tmp_path)
-        with run_folder.new_folder(Path()) as folder:
-            (folder.path / "file").touch()
-        assert (tmp_path / "file").exists()
-
-    def test_a_link_to_an_empty_folder_may_be_meant(self, tmp_path: Path) -> None:
-        """Protects a link to another disk: refused before the flight or filled after it, never lost."""
-        (tmp_path / "disk").mkdir()
-        (tmp_path / "flight").symlink_to(tmp_path / "disk", target_is_directory=True)
-        with run_folder.new_folder(tmp_path / "flight") as folder:
-            (folder.path / "file").touch()
-        assert (tmp_path / "flight" / "file").exists()
-
-    def test_the_default_name_says_what_was_flown(self) -> None:
-        """Protects the list of runs: sorted by time, with world and seed, and a name for every file system."""
-        assert run_folder.default_folder(run_folder.flown("random:7", 3)).name.endswith("-random-7-3")
-        named = run_folder.default_folder(run_folder.flown("worlds/my mine.ply", 1))
-        assert named.parent == Path("runs")
-        assert named.name.endswith("-my mine-1")
-        assert ":" not in str(named)
-        assert np.char.isdigit(named.name[:8])
-
-    def test_a_name_that_is_taken_gets_a_number(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        """Protects the second of two missions of the same second, and whoever's clock was set back."""
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr(run_folder, "datetime", StoppedClock)
-        for name in ("20000101-000000-room-1", "20000101-000000-room-1-2"):
-            assert run_folder.default_folder("room-1") == Path("runs") / name
-            with run_folder.new_folder(run_folder.default_folder("room-1")) as folder:
-                (folder.path / "file").touch()
-            assert folder.target == Path("runs") / name
-
-    def test_a_name_that_was_taken_meanwhile_is_left_to_whoever_has_it(self, tmp_path: Path) -> None:
-        """Protects both of two missions: before, the files of the one were put over those of the other."""
-        with (
-            run_folder.new_folder(tmp_path / "flight") as first,
-            run_folder.new_folder(tmp_path / "flight") as second,
-        ):
-            (first.path / "map").write_text("first", encoding="utf-8")
-            (second.path / "map").write_text("second", encoding="utf-8")
-        assert (second.target, first.target) == (tmp_path / "flight", tmp_path / "flight-2")
-        assert [(folder.target / "map").read_text(encoding="utf-8") for folder in (first, second)] == [
-            "first",
-            "second",
-        ]
-
-    def test_what_cannot_have_its_name_stays_where_it_is(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        """Protects an hour of flight from a disk that went away: before, everything was deleted."""
-
-        def refused(_self: Path, _target: Path) -> None:
-            raise OSError(errno.EROFS, "Read-only file system")
-
-        monkeypatch.setattr(Path, "replace", refused)
-        with pytest.raises(CompanionError) as said, run_folder.new_folder(tmp_path / "flight") as folder:
-            (folder.path / "map").touch()
-        assert str(said.value) == f"{tmp_path / 'flight'}: Read-only file system; the results are in {folder.path}"
-        assert (folder.path / "map").exists()
-
-    def test_another_disk_may_be_meant(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        """Protects `--out` of an empty disk: nothing can be moved there by its name alone."""
-        (tmp_path / "disk").mkdir()
-        rename = os.rename
-
-        def across(source: str, target: str) -> None:
-            if Path(target).parent == tmp_path / "disk":
-                raise OSError(errno.EXDEV, "Invalid cross-device link")
-            rename(source, target)
-
-        monkeypatch.setattr(os, "rename", across)
-        monkeypatch.setattr(Path, "replace", lambda self, target: across(str(self), str(target)))
-        with run_folder.new_folder(tmp_path / "disk") as folder:
-            (folder.path / "map").write_text("map", encoding="utf-8")
-            (folder.path / "map.journal").mkdir()
-            (folder.path / "map.journal" / "segment").write_text("segment", encoding="utf-8")
-        assert left_in(tmp_path) == {"disk"}
-        assert (tmp_path / "disk" / "map.journal" / "segment").read_text(encoding="utf-8") == "segment"

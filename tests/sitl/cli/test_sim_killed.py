@@ -25,7 +25,13 @@ from tests.sitl.cli.test_sim import COMPANION, FILES, QUICK
 
 MOMENTS = 10
 """Half of them in the flight, half while its results are written."""
-SIMULATED_S = 60.0
+SIMULATED_S = 300.0
+ENDLESS = "from sitl.sim import simulation\nsimulation.COMPLETE_SHARE = 2.0\n"
+"""Only the time limit ends it."""
+SURE_S = 2.5
+"""From then on a mission that has begun to fly has kept something: it does so every second or two."""
+WRITES = "flight.unfinished-*/settings.yaml"
+"""The first of its files that is not there before it has landed."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +54,18 @@ class Ended:
 def command(place: Path) -> subprocess.Popen[str]:
     """A mission that flies for `SIMULATED_S`."""
     (place / "quick.yaml").write_text(QUICK, encoding="utf-8")
-    words = [sys.executable, "-c", COMPANION, "sim", "--world", "room", "--config", "quick.yaml", "--out", "flight"]
+    words = [
+        sys.executable,
+        "-c",
+        ENDLESS + COMPANION,
+        "sim",
+        "--world",
+        "room",
+        "--config",
+        "quick.yaml",
+        "--out",
+        "flight",
+    ]
     return subprocess.Popen(
         [*words, "--time-limit", f"{SIMULATED_S:g}"],
         cwd=place,
@@ -70,7 +87,7 @@ def spans(place: Path) -> tuple[float, float]:
     flies(process)
     flies_s = written_s = time.monotonic()
     while process.poll() is None:
-        if written_s == flies_s and any(place.glob("flight.unfinished-*/*")):
+        if written_s == flies_s and any(place.glob(WRITES)):
             written_s = time.monotonic()
         time.sleep(0.005)
     process.communicate()
@@ -89,7 +106,7 @@ def ended(place: Path, number: signal.Signals, after_s: float, *, writing: bool)
     """The same mission, with a signal ``after_s`` after it began to fly, or to write."""
     process = command(place)
     flies(process)
-    while writing and process.poll() is None and not any(place.glob("flight.unfinished-*/*")):
+    while writing and process.poll() is None and not any(place.glob(WRITES)):
         time.sleep(0.002)
     time.sleep(after_s)
     process.send_signal(number)
@@ -152,6 +169,7 @@ def test_at_any_moment_what_is_there_is_whole_or_does_not_look_so(
             broken = [file for file, what in held.items() if what.startswith(("broken", "half"))]
             assert name != "flight" or (not broken and set(held) == FILES)
             assert len(broken) <= 1
+            assert writing or after_s < SURE_S or {"map.journal", "trajectory.csv"} <= set(held) - set(broken)
         elif done.code != -number:  # so it ends when it has done all, and Python itself is being left
             assert done.code in (1, 130), "the time limit, or the signal"
             assert name == "flight"

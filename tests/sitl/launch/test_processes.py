@@ -14,7 +14,6 @@ import pytest
 
 from companion.config.settings import Settings
 from companion.gate.runtime.supervisor import GONE_S
-from sitl.cli.mesh_options import spelled
 from sitl.launch.processes import WORLD_SERVES, Crew, FlightPlan, odometry_options, run_to_its_end, with_odometry
 from sitl.launch.program import Program, Running
 from sitl.mines.placing import Reading
@@ -41,7 +40,7 @@ def test_odometry_through_the_gate_arrives_where_the_gate_listens() -> None:
 
 def test_autopilot_and_world_read_a_mesh_alike(tmp_path: Path) -> None:
     """Protects from a vehicle that stands on a floor a thousand times as far away as the one that it is shown."""
-    crew = Crew(FlightPlan(tmp_path, world="mm.ply", mesh=spelled(Reading(scale=0.001, up="y"))))
+    crew = Crew(FlightPlan(tmp_path, world="mm.ply", mesh=Reading(scale=0.001, up="y").options()))
     for program in (crew._autopilot(Settings()), crew._world()):
         given = list(program.arguments)
         assert given[given.index("--world") + 1] == "mm.ply"

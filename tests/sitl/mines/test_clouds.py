@@ -9,7 +9,10 @@ import laspy
 import numpy as np
 import open3d
 import pytest
+from laspy.vlrs.known import WktCoordinateSystemVlr
 from numpy.typing import NDArray
+from pypcd4.pypcd4 import Encoding, PointCloud
+from pyproj import CRS
 
 from companion.errors import InputError
 from sitl.mines import World, load_world
@@ -143,14 +146,38 @@ def test_a_pcd_file_in_double_precision_keeps_its_digits_and_one_in_single_is_re
     path.write_bytes(pcd((points_m + shift).astype(np.float32), "binary"))
     with pytest.raises(InputError, match=r"steps of 0.5 m so far from 0"):
         load_world(str(path), 0, start)
-    path.write_bytes(pcd(points_m, "binary_compressed"))
-    with pytest.raises(InputError, match=r"pcl_convert_pcd_ascii_binary"):
-        load_world(str(path), 0, START)
+
+
+@pytest.mark.parametrize("encoding", [Encoding.BINARY_COMPRESSED, Encoding.ASCII])
+def test_a_pcd_file_keeps_its_digits_however_it_is_packed(
+    tmp_path: Path, points_m: NDArray[np.float64], encoding: Encoding
+) -> None:
+    """Text has the digits that stand there, though its header says single precision."""
+    shift = np.array([500_000.0, 6_000_000.0, 0.0])
+    path, start = tmp_path / "room.pcd", (START[0] + shift[0], START[1] + shift[1], START[2], START[3])
+    PointCloud.from_points(points_m + shift, ("x", "y", "z"), (np.float64,) * 3).save(path, encoding)
+    if encoding is Encoding.ASCII:
+        path.write_bytes(path.read_bytes().replace(b"SIZE 8 8 8", b"SIZE 4 4 4"))
+    world = load_world(str(path), 0, start)
+    assert world.origin_m == tuple(shift)
+    assert is_closed_room(replace(world, origin_m=(0.0, 0.0, 0.0)))
+
+
+def test_a_las_file_in_feet_is_refused(tmp_path: Path, points_m: NDArray[np.float64]) -> None:
+    """Protects from a mine that is three times too large."""
+    header = laspy.LasHeader(version="1.4", point_format=6)
+    header.vlrs.append(WktCoordinateSystemVlr(CRS("EPSG:2229").to_wkt("WKT1_GDAL")))
+    header.global_encoding.wkt = True
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = points_m.T
+    las.write(str(tmp_path / "room.las"))
+    with pytest.raises(InputError, match=r"room.las: its coordinates .* in US survey foot: a map is in m"):
+        load_world(str(tmp_path / "room.las"), 0, START)
 
 
 @pytest.mark.parametrize("suffix", [".las", ".laz", ".pcd", ".ply"])
 def test_a_cloud_that_was_cut_is_refused(tmp_path: Path, points_m: NDArray[np.float64], suffix: str) -> None:
     path = Path(cloud(tmp_path / f"room{suffix}", points_m))
     path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
-    with pytest.raises(InputError, match="damaged"):
+    with pytest.raises(InputError, match=r"damaged|cut off"):
         load_world(str(path), 0, START)

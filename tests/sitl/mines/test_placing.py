@@ -124,6 +124,7 @@ def test_y_up_is_turned_where_it_is_asked_for_and_hinted_at_where_it_is_likely(t
     world = load_world(path, 0, START, Reading(up="y"))
     np.testing.assert_allclose(world.vertices_m, room.vertices_m, atol=1e-6)
     assert not any("--up" in remark for remark in world.remarks)
+    assert world.remarks[0].endswith("the file's y being up")
     assert any("--up y" in remark for remark in load_world(path, 0, START).remarks)
     assert not any("--up" in remark for remark in load_world(file_of(room, tmp_path / "r.ply"), 0, START).remarks)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from companion.config.settings import Settings
 from companion.errors import InputError
 from companion.model import Pose
 from sitl.mines import World, load_world
+from sitl.mines.placing import Reading
 from sitl.scene.raycast import RayCaster
 from sitl.scene.visibility import has_room_above_ground
 from sitl.sim.nearest_start import Room, nearest_place
@@ -63,6 +65,29 @@ def test_a_refusal_names_a_start_that_is_accepted(spec: str, xyz_m: tuple[float,
     check_start(world, caster, pose, Room.of(settings()))
     check_room(world, caster, pose, settings())
     assert caster.crossings(np.array([pose.x_m, pose.y_m, pose.z_m]), np.array([0.0, 0.0, 1.0]))[0] % 2 == 1
+
+
+@pytest.mark.parametrize(("unit_m", "origin_m"), [(0.001, 0.0), (0.01, 500_000.0), (0.3048, 0.0), (1000.0, 0.0)])
+def test_the_start_that_is_named_is_in_the_unit_and_from_the_origin_of_the_file(
+    tmp_path: Path, unit_m: float, origin_m: float
+) -> None:
+    """Protects whoever flies in a mesh in mm: pasted, it is that place, and not one a thousand times nearer to 0."""
+    room, _ = mine("room")
+    path, reading = tmp_path / "room.obj", Reading(scale=unit_m)
+    corners = np.add(room.vertices_m, [origin_m, 0.0, 0.0], dtype=np.float64) / unit_m
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in corners.tolist()]
+    lines += ["f " + " ".join(map(str, corner)) for corner in (room.triangles + 1).tolist()]
+    path.write_text("\n".join(lines), encoding="utf-8")
+    in_rock = ((3.0 + origin_m) / unit_m, 0.1 / unit_m, 1.0 / unit_m, 0.0)
+    world = load_world(str(path), 0, in_rock, reading)
+    assert world.start is not None
+    with pytest.raises(InputError, match=r"the nearest surface is 0\.10 m away") as refused:
+        check_start(world, RayCaster(world), world.start, Room.of(settings()))
+    pose = named(refused.value)
+    pasted = load_world(str(path), 0, (pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad), reading)
+    assert pasted.start is not None
+    check_start(pasted, RayCaster(pasted), pasted.start, Room.of(settings()))
+    check_room(pasted, RayCaster(pasted), pasted.start, settings())
 
 
 def test_a_start_without_room_at_flying_height_names_one_with_it() -> None:

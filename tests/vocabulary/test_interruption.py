@@ -12,7 +12,7 @@ import os, signal, threading
 from typing import NamedTuple
 import numpy as np
 from numba import njit
-from companion.cli.interruption import ENDS, signals_are_ctrl_c
+from companion.interruption import ENDS, signals_are_ctrl_c
 
 class Made(NamedTuple):
     a: np.ndarray

@@ -35,13 +35,20 @@ def interrupt(number: int, frame: FrameType | None) -> None:
     sys.settrace(lambda *_: None)
 
 
-def signals_are_ctrl_c() -> None:
-    """Let SIGTERM and SIGHUP end a command as Ctrl-C does, unless whoever started it lets them be ignored."""
+def signals_are_ctrl_c(numbers: Sequence[signal.Signals] = ENDS) -> None:
+    """Let signals end a program as Ctrl-C does, unless whoever started it lets them be ignored."""
     if threading.current_thread() is not threading.main_thread():
         return
-    for number in ENDS:
+    for number in numbers:
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, interrupt)
+
+
+def signals_kill() -> None:
+    """The end of `signals_are_ctrl_c`: all is done, and Python takes a while to leave, in which nothing can be lost."""
+    for number in ENDS:
+        if signal.getsignal(number) is interrupt:
+            signal.signal(number, signal.SIG_DFL)
 
 
 @contextmanager
@@ -59,27 +66,54 @@ def handled(numbers: Sequence[signal.Signals], handler: Callable[[int, FrameType
 
 
 @contextmanager
+def stopping(what: str) -> Iterator[Callable[[], bool]]:
+    """While something works that can be asked to stop, and has results to write then.
+
+    The first signal asks, so nothing is torn apart in the midst of a step; the second is told to wait, the third breaks
+    off. For the writing itself there is `finishing`.
+
+    Args:
+        what: what is being done, for the one line that tells it.
+
+    Yields:
+        Whether somebody has asked.
+    """
+    with _counted(what, heard=1) as signals:
+        yield lambda: signals() > 0
+
+
+@contextmanager
 def finishing(what: str) -> Iterator[None]:
     """While results are written: the first signal is told to wait, the next one ends it with what is there.
 
     Args:
         what: what is being done, for the one line that tells it.
     """
-    if threading.current_thread() is not threading.main_thread():
+    with _counted(what, heard=0):
         yield
-        return
-    asked = False
 
-    def ask(number: int, frame: FrameType | None) -> None:
-        nonlocal asked
-        if asked:
+
+@contextmanager
+def _counted(what: str, heard: int) -> Iterator[Callable[[], int]]:
+    """Count signals: so many are only counted, the next one is told to wait, those after it interrupt."""
+    count = 0
+
+    def on_signal(number: int, frame: FrameType | None) -> None:
+        nonlocal count
+        count += 1
+        if count <= heard:
+            return
+        if count > heard + 1:
             interrupt(number, frame)
-        asked = True
+            return
         # Not by print: the signal may have come in the middle of one. A terminal that is gone has no reader.
         try:
             os.write(2, f"\n{what}: a moment; interrupt once more to end with what is there\n".encode())
         except OSError:
             return
 
-    with handled(ENDS, ask):
-        yield
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: 0
+        return
+    with handled(ENDS, on_signal):
+        yield lambda: count
