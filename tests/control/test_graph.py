@@ -388,6 +388,11 @@ def test_a_full_graph_stays_connected(steps: list[tuple[str, int, int, int]]) ->
 # With the navigator.
 
 
+def test_whatever_the_vehicle_flies_to_is_an_edge() -> None:
+    """Protects the flight from a new kind of target that the graph does not know."""
+    assert {kind.value for kind in TargetKind} <= {kind.value for kind in EdgeKind}
+
+
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, 1e300])
 def test_heights_that_are_none_end_nothing(wrong: float, tmp_path: Path) -> None:
     """Protects the flight: the law steers without a height, so the graph goes on with the last one, and is written."""
