@@ -179,7 +179,8 @@ class NavigationGraph:
         """The edge under way ends at a vertex."""
         end = End(number, self._along(number, leg.gamma, pose))
         there, back = (leg.kind, leg.start, end, leg.gamma), (leg.kind, end.reversed, leg.start.reversed, -leg.gamma)
-        known, is_back = (self._numbers[back], True) if back in self._numbers else (self._numbers.get(there), False)
+        is_back = there not in self._numbers and back in self._numbers
+        known = self._numbers.get(back if is_back else there)
         if known is None and len(self._edges) >= self._most_edges:
             self._left_out += 1
             return

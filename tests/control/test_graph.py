@@ -250,6 +250,17 @@ def test_turning_on_the_spot_is_no_other_place() -> None:
     assert circle.time_s == pytest.approx(50 * TICK_S, abs=2 * TICK_S)
 
 
+def test_turning_twice_on_one_spot_is_one_edge_flown_twice() -> None:
+    """Where no wall is, an edge from a vertex to itself is the same one flown back: it counts as flown that way."""
+    walk = Walk()
+    for _ in range(2):
+        for _ in range(20):
+            walk.tick()
+        walk.graph.enter(Mode.CIRCLE, 1, None, walk.told)
+    (circle,) = walk.result.edges
+    assert (circle.flown, circle.flown_back) == (3, 0)
+
+
 # Exits.
 
 
