@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import copy
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from companion.control.graph import Edge, EdgeKind, End, Graph, Left, Vertex
 from companion.control.known_ground import Place
 from companion.control.recognition import LEVEL_M, Places, moved_m, tolerance_m
 from companion.control.target import Target
-from companion.model import Measurement, Mode, Pose, wrap_rad
+from companion.model import ABSURD, Measurement, Mode, Pose, wrap_rad
 
 STEP_M = 0.25
 """The way is measured, and places are looked for, in steps of this length: shorter ones would sum the noise of the
@@ -83,9 +83,11 @@ class NavigationGraph:
     def fly(self, measurement: Measurement, pose: Pose, t_s: float) -> None:
         """Every sampling period in which the navigator steers, before what it decides in it."""
         self._t_s = t_s
-        if measurement.h_m is not None:
+        pose = self._known(pose)
+        if measurement.h_m is not None and abs(measurement.h_m) < ABSURD:
             self._h_m = measurement.h_m
-        self._slope = measurement.ground_slope or 0.0
+        slope = measurement.ground_slope
+        self._slope = slope if slope is not None and abs(slope) < ABSURD else 0.0
         self._wall_bearing_rad = measurement.d_bearing_rad
         if self._leg is None:
             self._here = pose
@@ -107,7 +109,7 @@ class NavigationGraph:
             target: of R2.
             pose: of now.
         """
-        leg = self._leg
+        leg, pose = self._leg, self._known(pose)
         if leg is None:
             return
         self._advance(leg, pose)
@@ -133,7 +135,7 @@ class NavigationGraph:
             gamma: Γ of the boundary that it would have led to.
             pose: of now.
         """
-        leg = self._leg
+        leg, pose = self._leg, self._known(pose)
         if leg is None:
             return
         self._advance(leg, pose)
@@ -149,7 +151,7 @@ class NavigationGraph:
 
     def glimpse(self, x_m: float, y_m: float, gamma: int, pose: Pose) -> None:
         """A tangent was seen, and no free corridor to its T_m."""
-        self._exits.glimpse(self._sighting(EdgeKind.TANGENT, x_m, y_m, gamma, pose))
+        self._exits.glimpse(self._sighting(EdgeKind.TANGENT, x_m, y_m, gamma, self._known(pose)))
 
     def snapshot(self) -> Graph:
         """The graph as it is now, while the flight goes on."""
@@ -177,7 +179,8 @@ class NavigationGraph:
         """The edge under way ends at a vertex."""
         end = End(number, self._along(number, leg.gamma, pose))
         there, back = (leg.kind, leg.start, end, leg.gamma), (leg.kind, end.reversed, leg.start.reversed, -leg.gamma)
-        known, is_back = (self._numbers[back], True) if back in self._numbers else (self._numbers.get(there), False)
+        is_back = there not in self._numbers and back in self._numbers
+        known = self._numbers.get(back if is_back else there)
         if known is None and len(self._edges) >= self._most_edges:
             self._left_out += 1
             return
@@ -274,6 +277,10 @@ class NavigationGraph:
         if len(leg.points) > MOST_POINTS:
             points = leg.points
             del points[min(range(1, len(points) - 1), key=lambda k: _bend_m2(points[k - 1], points[k], points[k + 1]))]
+
+    def _known(self, pose: Pose) -> Pose:
+        """The pose with the last height that can be one: the law steers without it, and nothing here may end that."""
+        return pose if abs(pose.z_m) < ABSURD else replace(pose, z_m=self._here.z_m)
 
     def _from_here_m(self, pose: Pose) -> float:
         here = self._here

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from companion.compiled import compiled
 from companion.control.ground_grid import FREE, GIVEN_UP, MOST_LEVELS, UNSEEN, WALL, GroundGrid, doubt, enter, level_at
-from companion.model import HIT, UNKNOWN, Measurement, Pose, Scan, wrap_rad
+from companion.model import ABSURD, HIT, UNKNOWN, Measurement, Pose, Scan, wrap_rad
 
 CELL_M, CELL_SHARE = 0.5, 0.625
 """Size of a cell: so much at most, and that share of d_c. A vehicle for narrow drifts needs smaller ones: the cells
@@ -101,8 +101,9 @@ class Place:
 
     @classmethod
     def under(cls, pose: Pose, h_m: float | None) -> Place:
-        """The ground below a vehicle; where h is not known, as if it flew at its own height."""
-        return cls(pose.x_m, pose.y_m, pose.z_m - (0.0 if h_m is None else h_m))
+        """The ground below a vehicle; where h is not known, or is no number, as if it flew at its own height."""
+        z_m, h_m = (value if value is not None and abs(value) < ABSURD else 0.0 for value in (pose.z_m, h_m))
+        return cls(pose.x_m, pose.y_m, z_m - h_m)
 
     def bearing_rad(self, pose: Pose) -> float:
         """Bearing from a vehicle."""
@@ -161,9 +162,12 @@ class KnownGround:
         self._blocked: deque[Place] = deque(maxlen=MOST_BLOCKED)
 
     def see(self, measurement: Measurement, pose: Pose) -> None:
-        """Enter what is in view: free along each bearing, a wall where it is HIT, at the height of the ground there."""
+        """Enter what is in view: free along each bearing, a wall where it is HIT, at the height of the ground there.
+
+        Without a height of the vehicle that is a number nothing is entered: nobody knows on which level it would be.
+        """
         scan = measurement.scan
-        if scan is None:
+        if scan is None or not abs(pose.z_m) < ABSURD:
             return
         if self._origin is None:
             half_m = FIRST_CELLS * self._cell_m / 2.0

@@ -214,7 +214,7 @@ class _Flight:
         async def write() -> list[Path]:
             try:
                 await asyncio.to_thread(navigation.write, map_folder, folder)
-            except OSError as error:
+            except Exception as error:  # noqa: BLE001 - whatever it is, it must not cost the map
                 events.emit(Event.GRAPH_NOT_WRITTEN, error=error)
             return await mapper.save()
 

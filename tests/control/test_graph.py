@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from companion.control.graph import EdgeKind, Graph, Left
 from companion.control.graph_building import MOST_POINTS, STEP_M, NavigationGraph
 from companion.control.recognition import LEVEL_M, MOST_M, SAME_M, moved_m, tolerance_m
 from companion.control.target import Target, TargetKind
+from companion.mapping.files.graph_file import read_graph, write_graph
 from companion.model import Mode, Pose
 from tests.control.scene import Scene, box, fly, measurement
 from tests.control.stages import NEVER, ORIGIN, navigator_with
@@ -248,6 +250,17 @@ def test_turning_on_the_spot_is_no_other_place() -> None:
     assert circle.time_s == pytest.approx(50 * TICK_S, abs=2 * TICK_S)
 
 
+def test_turning_twice_on_one_spot_is_one_edge_flown_twice() -> None:
+    """Where no wall is, an edge from a vertex to itself is the same one flown back: it counts as flown that way."""
+    walk = Walk()
+    for _ in range(2):
+        for _ in range(20):
+            walk.tick()
+        walk.graph.enter(Mode.CIRCLE, 1, None, walk.told)
+    (circle,) = walk.result.edges
+    assert (circle.flown, circle.flown_back) == (3, 0)
+
+
 # Exits.
 
 
@@ -384,6 +397,31 @@ def test_a_full_graph_stays_connected(steps: list[tuple[str, int, int, int]]) ->
 
 
 # With the navigator.
+
+
+def test_whatever_the_vehicle_flies_to_is_an_edge() -> None:
+    """Protects the flight from a new kind of target that the graph does not know."""
+    assert {kind.value for kind in TargetKind} <= {kind.value for kind in EdgeKind}
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, 1e300])
+def test_heights_that_are_none_end_nothing(wrong: float, tmp_path: Path) -> None:
+    """Protects the flight: the law steers without a height, so the graph goes on with the last one, and is written."""
+    walk = Walk()
+    walk.follow(-1)
+    walk.along((6.0, 0.0))
+    seen = replace(measurement(None, h_m=wrong), ground_slope=wrong)
+    for x_m in range(7, 12):
+        lost = replace(walk.pose, x_m=float(x_m), z_m=wrong)
+        walk.graph.fly(seen, lost, walk.pose.t_s)
+        walk.graph.glimpse(20.0, 3.0, 1, lost)
+        walk.graph.decline(EdgeKind.TANGENT, 20.0, 0.0, 1, lost)
+        walk.graph.enter(Mode.BOUNDARY, -1, None, lost)
+    graph = walk.result
+    assert all(vertex.z_m == H_M for vertex in graph.vertices)
+    assert is_connected(graph)
+    write_graph(graph, tmp_path / "graph.json")
+    assert read_graph(tmp_path / "graph.json").counts() == graph.counts()
 
 
 def test_a_flight_makes_a_graph_and_nothing_steers_by_it(monkeypatch: pytest.MonkeyPatch) -> None:

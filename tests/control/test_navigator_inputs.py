@@ -94,6 +94,21 @@ def test_what_is_not_finite_is_no_reason_to_climb(told: Measurement, pose: Pose)
     assert in_boundary(1).step(told, pose, 0.0).climb_mps == 0.0
 
 
+@pytest.mark.parametrize("choice", ["coin", "frontier", "informed"])
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, 1e300])
+def test_a_height_that_is_none_ends_no_flight(choice: str, wrong: float) -> None:
+    """Protects from a known ground that asks for the level of a place of which it has no height: before, it raised."""
+    for told, pose in (
+        (beside(1, edge_scan(-1)), replace(ORIGIN, z_m=wrong)),
+        (replace(beside(1, edge_scan(-1)), h_m=wrong, ground_slope=wrong, roof_m=wrong), ORIGIN),
+    ):
+        navigator = in_boundary(1, choice=choice)
+        for tick in range(4):
+            setpoint = navigator.step(told, replace(pose, x_m=0.3 * tick), float(tick))
+            assert all(math.isfinite(value) for value in (setpoint.speed_mps, setpoint.yaw_rate_radps))
+        assert navigator.graph.snapshot().counts().vertices > 0
+
+
 def test_an_edge_at_no_distance_is_no_crash() -> None:
     """A HIT at range 0, which no sensor should give: T_m of (10) is then abeam, and nothing is divided by zero."""
     navigator = navigator_with()
