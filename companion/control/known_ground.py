@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +33,9 @@ largest grid counts as seen, so that it does not attract."""
 SEARCH_CELLS = 384
 """Side of the window about the vehicle in which ways are searched, in cells: 192 m, about two milliseconds. Beyond it
 everything counts as seen, so that the nearer unseen ground decides."""
+
+BORDER_CELLS = 3
+"""A part of the grid is searched but for its outermost cells."""
 
 MOST_BLOCKED = 256
 """Places through which no way leads, the newest."""
@@ -172,14 +175,29 @@ class KnownGround:
         column, row = self._cell(x_m, y_m)
         left = min(max(column - size // 2, 0), side - size)
         low = min(max(row - size // 2, 0), side - size)
-        part = self._grid.part(slice(low, low + size), slice(left, left + size))
-        low_x_m, low_y_m = self._origin[0] + left * CELL_M, self._origin[1] + low * CELL_M
+        return self._part(slice(low, low + size), slice(left, left + size))
+
+    def whole(self) -> Window | None:
+        """A copy of all that is known, and a little around it; None before anything has been seen."""
+        known = np.any(self._grid.cells != UNSEEN, axis=0)
+        if self._origin is None or not known.any():
+            return None
+        rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+        spans = (slice(max(at[0] - BORDER_CELLS, 0), at[-1] + 1 + BORDER_CELLS) for at in (rows, columns))
+        return self._part(*spans)
+
+    def _part(self, rows: slice, columns: slice) -> Window:
+        """A copy of a part of the grid, with what is blocked in it."""
+        assert self._origin is not None  # noqa: S101 - set by the first look
+        part = self._grid.part(rows, columns)
+        low_x_m, low_y_m = self._origin[0] + columns.start * CELL_M, self._origin[1] + rows.start * CELL_M
         window = Window(
             GroundGrid(part.cells.copy(), part.ground_dm.copy()), np.empty((0, 3), np.int64), low_x_m, low_y_m, CELL_M
         )
         blocked = np.array([(*window.cell(place), place.ground_dm) for place in self._blocked], np.int64).reshape(-1, 3)
-        inside = np.all((blocked[:, :2] >= 1) & (blocked[:, :2] < size - 1), axis=1)
-        return Window(window.grid, blocked[inside], low_x_m, low_y_m, CELL_M)
+        most = np.array(part.cells.shape[1:]) - 1
+        inside = np.all((blocked[:, :2] >= 1) & (blocked[:, :2] < most), axis=1)
+        return replace(window, blocked=blocked[inside])
 
     def block(self, place: Place) -> None:
         """No way leads through the cells about this place any more."""

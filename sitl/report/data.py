@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.control.left_out import LeftOut
 from sitl.sim.flight_log import FlightLog
 
 Array = NDArray[np.float64]
@@ -32,6 +33,7 @@ class ReportData:
         margin_m: d_s, the distance that the vehicle keeps to walls.
         critical_margin_m: d_c, the distance at which it stops to turn (paper eq. (12)).
         height_m: H, the flying height above ground.
+        left_out: what was seen and not looked into.
         settings_yaml: the settings of the flight, in plain text.
     """
 
@@ -47,6 +49,7 @@ class ReportData:
     margin_m: float
     critical_margin_m: float
     height_m: float
+    left_out: tuple[LeftOut, ...]
     settings_yaml: str
 
 

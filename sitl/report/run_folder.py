@@ -148,6 +148,7 @@ def write_run(folder: Path, simulation: Simulation, preset: str, config: Path | 
             margin_m=settings.control.margin_m,
             critical_margin_m=settings.control.critical_margin_m,
             height_m=settings.control.height_m,
+            left_out=simulation.left_out,
             settings_yaml=settings_yaml,
         )
 

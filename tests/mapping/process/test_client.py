@@ -111,7 +111,7 @@ async def test_a_killed_process_without_a_folder_comes_back_empty(monkeypatch: p
         await give(maps, images(3))
         os.kill(child_of(maps), signal.SIGKILL)
         await until(lambda: not maps.status.alive, "noticed")
-        assert not maps.status.complete
+        assert maps.status.word is None
         assert maps.status.problem == "the process of the map does not run"
         assert not maps.offer(images(1)[0])
         await until(lambda: maps.status.alive, "started again")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import itertools
 import math
 import re
@@ -12,8 +13,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 from numpy.typing import NDArray
 
+from companion.control.left_out import LeftOut, Why
 from companion.model import Measurement, Mode, Pose, Setpoint
 from sitl.report import ReportData, overview_png, write_report
 from sitl.report.cards import State, key_figures, rows, seconds, shown, verdict
@@ -21,7 +24,7 @@ from sitl.report.data import stretches, thinned
 from sitl.report.maps import below_cut, map_pictures
 from sitl.report.plan import mine_plan, section
 from sitl.report.splat import Camera, render
-from sitl.report.style import DPI, round_length_m
+from sitl.report.style import DPI, STRIP_IN, round_length_m
 from sitl.sim.flight_log import FlightLog
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -81,6 +84,10 @@ def data(ticks: int = 400, vehicles: int = 1) -> ReportData:
             "mode_changes": 3,
             "draws": 2,
             "ended_because": "complete",
+            "estimated_completeness": 0.9731,
+            "done_at_s": 88.0,
+            "completeness_when_done": 0.9942,
+            "left_out": [{"x_m": 2.0, "y_m": 1.0, "z_m": 1.5, "extent_m": 1.2, "why": "too narrow"}],
             "versions": {"numpy": "2.0"},
         },
         vertices_m=vertices,
@@ -92,6 +99,7 @@ def data(ticks: int = 400, vehicles: int = 1) -> ReportData:
         missed_m=np.array([[1.0, 1.0, 0.0], [1.1, 1.0, 0.0], [4.0, 2.5, 3.0]], dtype=np.float32),
         margin_m=1.0,
         critical_margin_m=0.7,
+        left_out=(LeftOut(2.0, 1.0, 1.5, 1.2, Why.TOO_NARROW), LeftOut(6.0, 4.0, 1.5, 2.0, Why.TOO_LOW)),
         height_m=1.5,
         settings_yaml="control:\n  margin_m: 1.0\n",
     )
@@ -267,6 +275,27 @@ def test_the_report_says_through_how_narrow_a_place_it_flies() -> None:
     cards = {card.label: card for card in key_figures(replace(data(), summary={"passages": sizes}))}
     assert cards["Flies into"].value == "2.30 x 2.00 m"
     assert "1.90 x 1.00 m" in cards["Flies into"].note
+
+
+def test_the_report_shows_the_vehicles_own_word_beside_the_truth() -> None:
+    cards = {card.label: card for card in key_figures(data())}
+    assert cards["The vehicle's own word"].value == "97.3 %"
+    assert cards["The vehicle's own word"].note == "done after 88 s, with 99.4 % in truth"
+    assert cards["Seen and left out"].value == "1 too low, 1 too narrow"
+    early = {card.label: card for card in key_figures(replace(data(), summary={"estimated_completeness": 0.5}))}
+    assert early["The vehicle's own word"].note == "not done when it ended"
+
+
+def test_what_was_left_out_is_drawn_where_it_lies() -> None:
+    """Protects whoever goes there with a lamp: a cross in the colour of warnings at that place of the plan."""
+    crossed, plain = (imread(io.BytesIO(overview_png(report))) for report in (data(), replace(data(), left_out=())))
+    different = np.any(crossed != plain, axis=2)[: -round(STRIP_IN * DPI)]
+    rows_px, columns_px = (np.flatnonzero(different.any(axis=axis)) for axis in (1, 0))
+    # The circle about the one at x = 2 m, 1.2 m wide, and the words beside the one at 6 m; its own is 2 m wide.
+    per_m = different.shape[1] / SIZE_M[0]
+    assert columns_px[0] == pytest.approx(1.6 * per_m, abs=0.3 * per_m)
+    assert columns_px[-1] == pytest.approx(7.0 * per_m, abs=0.5 * per_m)
+    assert rows_px[-1] - rows_px[0] == pytest.approx(4.6 * per_m, abs=0.5 * per_m)
 
 
 def test_coming_nearer_than_the_critical_margin_is_marked() -> None:

@@ -379,3 +379,30 @@ def test_alone_the_map_is_not_copied(mission: Simulation) -> None:
     """Protects memory: the one map of the one vehicle is V."""
     assert mission.merged_map() is mission.flights[0].map
     assert mission.score()["least_distance_between_vehicles_m"] is None
+
+
+class TestOwnWord:
+    """What the vehicle itself would say, beside the truth."""
+
+    def test_it_ends_when_the_vehicle_is_done(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """As in flight: no truth ends it. The truth is noted beside, and was reached on the way."""
+        monkeypatch.setattr(module, "COMPLETE_SHARE", 0.3)
+        settings = SETTINGS.model_copy(update={"sim": SETTINGS.sim.model_copy(update={"ends": "done"})})
+        done = flown(1, settings, limit_s=600.0)
+        score = done.score()
+        assert done.ended_because == "done"
+        assert score["done_at_s"] == pytest.approx(done.t_s, abs=0.01)
+        assert done.completed_at_s is not None
+        assert done.completed_at_s < done.t_s
+        assert done.estimated_completeness == pytest.approx(1.0, abs=0.1)
+        assert score["completeness_when_done"] == pytest.approx(done.completeness, abs=0.01)
+        assert done.completeness > 0.9, "half of a room is not done"
+
+    def test_a_mission_that_was_cut_short_is_not_done(self, mission: Simulation) -> None:
+        """What it had still open it names, and it does not take its map for whole."""
+        score = mission.score()
+        assert score["done_at_s"] is None
+        assert score["completeness_when_done"] is None
+        assert 0.0 < float(str(score["estimated_completeness"])) < 1.0
+        assert "not reached" in {place.why.value for place in mission.left_out}
+        assert score["left_out"] == [place.as_json() for place in mission.left_out]
