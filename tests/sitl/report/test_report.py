@@ -24,7 +24,7 @@ from sitl.report.data import stretches, thinned
 from sitl.report.maps import below_cut, map_pictures
 from sitl.report.plan import mine_plan, section
 from sitl.report.splat import Camera, render
-from sitl.report.style import DPI, STRIP_IN, round_length_m
+from sitl.report.style import DPI, STRIP_IN, WIDTH_IN, round_length_m
 from sitl.sim.flight_log import FlightLog
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -289,13 +289,13 @@ def test_the_report_shows_the_vehicles_own_word_beside_the_truth() -> None:
 def test_what_was_left_out_is_drawn_where_it_lies() -> None:
     """Protects whoever goes there with a lamp: a cross in the colour of warnings at that place of the plan."""
     crossed, plain = (imread(io.BytesIO(overview_png(report))) for report in (data(), replace(data(), left_out=())))
-    different = np.any(crossed != plain, axis=2)[: -round(STRIP_IN * DPI)]
+    width_px = crossed.shape[1]
+    different = np.any(crossed != plain, axis=2)[: -round(STRIP_IN / WIDTH_IN * width_px)]
     rows_px, columns_px = (np.flatnonzero(different.any(axis=axis)) for axis in (1, 0))
-    # The circle about the one at x = 2 m, 1.2 m wide, and the words beside the one at 6 m; its own is 2 m wide.
-    per_m = different.shape[1] / SIZE_M[0]
-    assert columns_px[0] == pytest.approx(1.6 * per_m, abs=0.3 * per_m)
-    assert columns_px[-1] == pytest.approx(7.0 * per_m, abs=0.5 * per_m)
-    assert rows_px[-1] - rows_px[0] == pytest.approx(4.6 * per_m, abs=0.5 * per_m)
+    # From the western edge of a circle 1.2 m wide about (2, 1) to the eastern one of another, 2 m wide, about (6, 4).
+    assert columns_px[0] / width_px == pytest.approx(1.4 / SIZE_M[0], abs=0.05)
+    assert (columns_px[-1] - columns_px[0]) / width_px == pytest.approx(5.6 / SIZE_M[0], abs=0.05)
+    assert (rows_px[-1] - rows_px[0]) / width_px == pytest.approx(4.6 / SIZE_M[0], abs=0.05)
 
 
 def test_coming_nearer_than_the_critical_margin_is_marked() -> None:

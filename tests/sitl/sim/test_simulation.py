@@ -20,6 +20,7 @@ from companion.model import Pose
 from sitl.mines import World, load_world
 from sitl.sim import simulation as module
 from sitl.sim.flight_log import COLUMNS
+from sitl.sim.judgement import Judgement
 from sitl.sim.simulation import CHECK_PERIOD_S, SCORED_PERIOD_S, Progress, Simulation
 
 LIMIT_S = 30.0
@@ -30,6 +31,7 @@ QUICK: dict[str, Any] = {
 """A coarse camera and a coarse map: a minute of flight takes less than a second."""
 
 SETTINGS = Settings(**QUICK)
+DONE = Settings(**QUICK, sim=SimSettings(ends="done"))
 PERIOD_S = SETTINGS.control.period_s
 RADIUS_M = SETTINGS.vehicle.body_radius_m
 RECKLESS = Settings(
@@ -384,11 +386,19 @@ def test_alone_the_map_is_not_copied(mission: Simulation) -> None:
 class TestOwnWord:
     """What the vehicle itself would say, beside the truth."""
 
+    def test_its_word_ends_a_mission_only_where_it_is_asked_for(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Protects t_f: by default the truth ends it, and when the vehicle would have said so is noted beside."""
+        monkeypatch.setattr(Judgement, "look", lambda _, t_s: t_s > 9.0)
+        by_truth, by_word = flown(1, limit_s=12.0), flown(1, DONE, limit_s=12.0)
+        assert (by_truth.ended_because, by_word.ended_because) == ("time limit", "done")
+        assert by_word.t_s == pytest.approx(2.0 * CHECK_PERIOD_S, abs=PERIOD_S)
+        assert by_truth.completeness_when_done == by_word.completeness_when_done == by_word.completeness
+
+    @pytest.mark.long
     def test_it_ends_when_the_vehicle_is_done(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """As in flight: no truth ends it. The truth is noted beside, and was reached on the way."""
         monkeypatch.setattr(module, "COMPLETE_SHARE", 0.3)
-        settings = SETTINGS.model_copy(update={"sim": SETTINGS.sim.model_copy(update={"ends": "done"})})
-        done = flown(1, settings, limit_s=600.0)
+        done = flown(1, DONE, limit_s=600.0)
         score = done.score()
         assert done.ended_because == "done"
         assert score["done_at_s"] == pytest.approx(done.t_s, abs=0.01)
