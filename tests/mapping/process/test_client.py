@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from companion.config.mapping import MapSettings
+from companion.control.left_out import Why
 from companion.errors import CompanionError
 from companion.mapping import VoxelMap
 from companion.mapping.frontiers.surveyor import survey
@@ -55,6 +56,10 @@ async def test_the_map_of_the_process_is_the_map(tmp_path: Path) -> None:
             assert max(heard) < 1.5, "the status has to come about every half second, whatever else happens"
             assert maps.status.restarts == 0
             paths = await maps.save()
+            assert {(place.x_m, place.y_m) for place in maps.left_out if place.why is Why.NOT_REACHED} <= {
+                (frontier.x_m, frontier.y_m) for frontier in found.frontiers
+            }
+            assert maps.left_out, "the walls have an end, behind which nobody looked"
         assert gone(pid)
         assert not maps.status.alive
         return paths
