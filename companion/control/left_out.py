@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from companion.model import FloatArray
 
 SAME_M = 2.0
-"""What is left out so near to each other, for any reason, is one place: the ground and the map both tell of it."""
+"""What is left out so near to each other, or inside of a larger one, is one place: ground and map both tell of it."""
 
 MOST_LISTED = 64
 """So many places are listed, the largest of each reason first."""
@@ -102,7 +102,8 @@ def merged(places: Iterable[LeftOut]) -> tuple[LeftOut, ...]:
     kept: list[LeftOut] = []
     for place in sorted(places, key=lambda place: (order[place.why], -place.extent_m, place.x_m, place.y_m)):
         near = (
-            math.hypot(place.x_m - other.x_m, place.y_m - other.y_m) <= SAME_M and abs(place.z_m - other.z_m) <= SAME_M
+            math.hypot(place.x_m - other.x_m, place.y_m - other.y_m) <= max(SAME_M, other.extent_m / 2.0)
+            and abs(place.z_m - other.z_m) <= SAME_M
             for other in kept
         )
         if not any(near):

@@ -15,11 +15,13 @@ def test_ground_and_map_tell_of_the_same_place_once() -> None:
     """The ground knows that it gave up, the map only that something is open there; above each other are two."""
     places = (place(1.0, Why.NOT_REACHED, 3.0), place(0.0, Why.GIVEN_UP), place(0.0, Why.NOT_REACHED, z_m=5.0))
     assert merged(places) == (place(0.0, Why.GIVEN_UP), place(0.0, Why.NOT_REACHED, z_m=5.0))
+    inside, wide = place(4.0, Why.NOT_REACHED), place(0.0, Why.NOT_REACHED, 9.0)
+    assert merged((inside, wide)) == (wide,)
 
 
 def test_a_list_has_an_end() -> None:
     """Protects a summary from the thousand niches of a mine; the largest are kept."""
-    listed = merged(place(10.0 * k, Why.TOO_NARROW, float(k)) for k in range(2 * MOST_LISTED))
+    listed = merged(place(200.0 * k, Why.TOO_NARROW, float(k)) for k in range(2 * MOST_LISTED))
     assert len(listed) == MOST_LISTED
     assert min(found.extent_m for found in listed) == MOST_LISTED
 
