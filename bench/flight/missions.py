@@ -73,10 +73,12 @@ def summary(world: str, rows: list[Row]) -> Row:
     time_s = [float(str(row["sim_time_s"])) for row in rows]
     ways_m = [float(str(row["path_length_m"])) for row in rows]
     gaps = [row["least_time_between_extensions_s"] for row in rows]
+    whole = [float(str(row["completeness_when_done"])) for row in rows if row["completeness_when_done"] is not None]
+    errors = [float(str(row["estimate_error"])) for row in rows if row["estimate_error"] is not None]
     line: Row = {
         "world": world,
         "missions": len(rows),
-        "complete": sum(row["ended_because"] == "complete" for row in rows),
+        "complete": len(times),
         "contacts": sum(int(str(row["contacts"])) for row in rows),
         "least compl.": min(float(str(row["completeness"])) for row in rows),
         "least d, m": min(least),
@@ -91,6 +93,10 @@ def summary(world: str, rows: list[Row]) -> Row:
         "low share": sum(share * t for share, t in zip(low, time_s, strict=True)) / sum(time_s),
         "t_f median, s": statistics.median(times) if times else None,
         "t_f worst, s": max(times) if times else None,
+        "done": len(whole),
+        "least when done": min(whole, default=None),
+        "est. error median": statistics.median(errors) if errors else None,
+        "est. error worst": max(errors, key=abs, default=None),
         "way median, m": statistics.median(ways_m),
         "way worst, m": max(ways_m),
         "precision": statistics.median(float(str(row["precision"])) for row in rows),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field
 
 from companion.config.section import Section
@@ -47,6 +49,11 @@ class SimSettings(Section):
 
     dynamics: DynamicsSettings = Field(DynamicsSettings(), description="the simulated vehicle")
     noise: NoiseSettings = Field(NoiseSettings(), description="the imperfection of sensors and pose")
+    ends: Literal["truth", "done"] = Field(
+        "truth",
+        description="when a mission ends: truth, when 99 % of what can be seen is in the map; done, when the vehicle "
+        "would say so itself, as in flight",
+    )
     time_limit_s: float = Field(
         3600.0, gt=0.0, le=86400.0, description="simulated time after which a mission ends, in s"
     )

@@ -6,11 +6,14 @@ With the paper's probability p, or with a preference for ground that has not bee
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+from companion.control import remaining
 from companion.control.edges import Edge
 from companion.control.informed import WallFollowing, Way, find_ways
 from companion.control.known_ground import KnownGround, Place
+from companion.control.left_out import LeftOut
 from companion.control.parameters import Parameters
 from companion.control.target import Target, world_point
 from companion.model import Measurement, Pose, wrap_rad
@@ -210,6 +213,14 @@ class Choice:
         at = min(1.0, BLOCKED_M / to_go_m) if to_go_m > 0.0 else 1.0
         x_m, y_m = pose.x_m + at * (target.x_m - pose.x_m), pose.y_m + at * (target.y_m - pose.y_m)
         self._ground.block(replace(self._place(pose), x_m=x_m, y_m=y_m))
+
+    def is_way_left(self, pose: Pose) -> bool | None:
+        """Whether the ground has a way to something unseen, see `remaining.is_way_left`."""
+        return remaining.is_way_left(self._ground, self._place(pose))
+
+    def left_out(self, pose: Pose) -> Iterator[LeftOut]:
+        """What was seen and not looked into, see `remaining.left_out`."""
+        return remaining.left_out(self._ground, self._place(pose))
 
     def after_lap(self) -> float:
         """A lap without a tangent taken has nothing new ahead: p, or with frontier the most that p_min leaves."""

@@ -109,15 +109,31 @@ class Ways:
 def find_ways(ground: KnownGround, place: Place) -> Ways | None:
     """Search about a place; None before anything has been seen."""
     window = ground.window(place.x_m, place.y_m)
-    if window is None:
-        return None
+    return None if window is None else ways_within(window, place)
+
+
+def ways_within(window: Window, place: Place, goals: NDArray[np.bool_] | None = None) -> Ways:
+    """Search in a part of the known ground.
+
+    Args:
+        window: the part.
+        place: where the vehicle is: only when no way leads from there to a frontier, chinks are goals as well.
+        goals: (levels, rows, columns) where the unseen is to begin; None: at every frontier.
+    """
     room = _room(window.grid)
     for row, column, ground_dm in window.blocked.tolist():
         _close(window.grid, room, row, column, ground_dm)
-    steps = _steps(window.grid, room, _frontier(window.grid, LEAST_CLUSTER))
+    if goals is not None:
+        return Ways(window, room, _steps(window.grid, room, goals))
+    steps = _steps(window.grid, room, frontier_cells(window))
     if _nearest_known(window.grid, steps, *window.cell(place), place.ground_dm)[0] < 0:
         steps = _steps(window.grid, room, _frontier(window.grid, 1))
     return Ways(window, room, steps)
+
+
+def frontier_cells(window: Window) -> NDArray[np.bool_]:
+    """(levels, rows, columns) from which the unseen begins, but for chinks."""
+    return _frontier(window.grid, LEAST_CLUSTER)
 
 
 @compiled

@@ -41,6 +41,9 @@ SEARCH_CELLS = 384
 """Side of the window about the vehicle in which ways are searched, in cells: 192 m with the largest, two milliseconds.
 Beyond it everything counts as seen, so that the nearer unseen ground decides."""
 
+BORDER_CELLS = 3
+"""A part of the grid is searched but for its outermost cells."""
+
 MOST_BLOCKED = 256
 """Places through which no way leads, the newest."""
 
@@ -205,18 +208,30 @@ class KnownGround:
         column, row = self._cell(x_m, y_m)
         left = min(max(column - size // 2, 0), side - size)
         low = min(max(row - size // 2, 0), side - size)
-        part = self._grid.part(slice(low, low + size), slice(left, left + size))
-        low_x_m, low_y_m = self._origin[0] + left * self._cell_m, self._origin[1] + low * self._cell_m
-        return self._with_blocked(Window(part.copy(), NOWHERE, low_x_m, low_y_m, self._cell_m), 1)
+        return self._part(slice(low, low + size), slice(left, left + size), 1)
+
+    def whole(self) -> Window | None:
+        """A copy of all that is known, and a little around it; None before anything has been seen."""
+        return None if self._origin is None or not self._grid.cells.any() else self._known(BORDER_CELLS)
 
     def seen(self) -> Window:
         """A copy of all that has been seen, as far as it goes: without rows and columns before anything has been."""
-        rows, columns = (np.flatnonzero(self._grid.cells.any(axis=axes)) for axes in ((0, 2), (0, 1)))
-        if self._origin is None or len(rows) == 0:
+        if self._origin is None or not self._grid.cells.any():
             return Window(GroundGrid.unseen(0, 0), NOWHERE, 0.0, 0.0, self._cell_m)
-        part = self._grid.part(slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
-        low_x_m, low_y_m = self._origin[0] + columns[0] * self._cell_m, self._origin[1] + rows[0] * self._cell_m
-        return self._with_blocked(Window(part.copy(), NOWHERE, float(low_x_m), float(low_y_m), self._cell_m), 0)
+        return self._known(0)
+
+    def _known(self, around: int) -> Window:
+        """What is known and so many cells around it."""
+        rows, columns = (np.flatnonzero(self._grid.cells.any(axis=axes)) for axes in ((0, 2), (0, 1)))
+        along_y, along_x = (slice(int(max(at[0] - around, 0)), int(at[-1]) + 1 + around) for at in (rows, columns))
+        return self._part(along_y, along_x, min(around, 1))
+
+    def _part(self, rows: slice, columns: slice, border: int) -> Window:
+        """A copy of a part of the grid, with what is blocked in it, so many cells from its border at least."""
+        assert self._origin is not None  # noqa: S101 - set by the first look
+        low_x_m, low_y_m = self._origin[0] + columns.start * self._cell_m, self._origin[1] + rows.start * self._cell_m
+        part = self._grid.part(rows, columns).copy()
+        return self._with_blocked(Window(part, NOWHERE, low_x_m, low_y_m, self._cell_m), border)
 
     def block(self, place: Place) -> None:
         """No way leads through the cells about this place any more."""

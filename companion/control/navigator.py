@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from companion.control.graph import EdgeKind
 from companion.control.graph_building import NavigationGraph
 from companion.control.informed import Way
 from companion.control.known_ground import CELL_M, CELL_SHARE, UPRIGHT_57_DEG, KnownGround, Outlook, Place
+from companion.control.left_out import LeftOut
 from companion.control.panorama import Panorama
 from companion.control.parameters import Parameters
 from companion.control.ramp import Ramp
@@ -123,6 +125,14 @@ class Navigator:
             mode_changes=self._mode_changes,
             extensions=self._extensions,
         )
+
+    def is_way_left(self, pose: Pose) -> bool | None:
+        """Whether known ground has a way from here to something unseen; None where that is not known."""
+        return self._choice.is_way_left(pose)
+
+    def left_out(self, pose: Pose) -> Iterator[LeftOut]:
+        """What was seen of the ground and not looked into, for a vehicle that is here at the end."""
+        return self._choice.left_out(pose)
 
     def step(self, measurement: Measurement, pose: Pose, t_s: float) -> Setpoint:
         """One sampling period: switch the mode if a rule says so, then execute the laws (6), (7) and (12).

@@ -7,6 +7,7 @@ from collections.abc import Coroutine
 from typing import Any
 
 from companion.autopilot.vehicle import Vehicle
+from companion.control.completion import Completion
 from companion.flight.control_loop import ControlLoop
 from companion.flight.events import Event, EventEmitter
 from companion.flight.gate_client import GateLostError, GateTookOverError
@@ -18,6 +19,10 @@ from companion.flight.tasks import background, first_of
 from companion.flight.termination import Conditions, Termination, termination
 from companion.mapping.process.client import MapClient
 from companion.mavlink.modes import mode_name, personality
+from companion.model import Pose
+
+DONE_PERIOD_S = 2.0
+"""It is asked this often whether anything is left: a search takes some milliseconds of the loop that steers."""
 
 STALL_S = 0.5
 """A look that comes later than this tells that we stood still ourselves, and that others may be well."""
@@ -28,6 +33,8 @@ class Airborne:
 
     Attributes:
         explored_s: how long it explored.
+        done_at_s: when the mission was done, from the beginning of the exploring; None when it was not.
+        end: where the exploring ended; None where no pose was known.
     """
 
     def __init__(
@@ -40,8 +47,11 @@ class Airborne:
         events: EventEmitter,
     ) -> None:
         self.explored_s = 0.0
+        self.done_at_s: float | None = None
+        self.end: Pose | None = None
         self._session = session
         self._settings = session.settings
+        self._completion = Completion(2.0 * self._settings.control.critical_margin_m)
         self._gate = session.gate
         self._operator = operator
         self._vehicle = vehicle
@@ -87,6 +97,7 @@ class Airborne:
         self._events.emit(Event.EXPLORING)
         why = await self._until_the_end(began_s)
         self.explored_s = self._session.clock.now_s() - began_s
+        self.end = self._control_loop.pose
         self._tell_end(why)
         return why
 
@@ -104,6 +115,7 @@ class Airborne:
         session = self._session
         battery_s: float | None = None
         awake_since_s = looked_s = began_s
+        is_done, next_done_s = False, began_s
         while True:
             now_s = session.clock.now_s()
             if now_s - looked_s > LOOK_PERIOD_S + STALL_S:
@@ -112,6 +124,9 @@ class Airborne:
             state = session.telemetry.state(now_s)
             if state.battery_percent is not None:
                 battery_s = now_s
+            if now_s >= next_done_s:
+                next_done_s = now_s + DONE_PERIOD_S
+                is_done = self._completion.update(now_s, self._control_loop.is_way_left(), self._mapper.status.word)
             conditions = Conditions(
                 vehicle=state,
                 taken_over=self._vehicle.taken_over is not None,
@@ -119,7 +134,7 @@ class Airborne:
                 gate_took_over=self._gate.took_over is not None,
                 gate_lost=self._gate.lost.is_set(),
                 stop_asked=self._operator.stop.is_set(),
-                complete=self._mapper.status.complete,
+                complete=is_done,
                 flown_s=now_s - began_s,
                 blind_s=now_s - self._control_loop.fresh_s,
                 awake_s=now_s - awake_since_s,
@@ -128,6 +143,7 @@ class Airborne:
             )
             why = termination(conditions, self._settings)
             if why is not None:
+                self.done_at_s = round(now_s - began_s, 1) if is_done else None
                 return why
             await session.clock.sleep(LOOK_PERIOD_S)
 

@@ -91,6 +91,10 @@ class ControlLoop:
         """Height above ground, measured by the beam that looks down; None when it is not known now."""
         return None if self.measurement is None else self.measurement.h_m
 
+    def is_way_left(self) -> bool | None:
+        """Whether known ground has a way to something unseen; None where that is not known, as without a pose."""
+        return None if self.pose is None else self._explorer.navigator.is_way_left(self.pose)
+
     async def run(self) -> None:
         """Tick until cancelled."""
         async for now_s in self._rate.ticks():

@@ -92,6 +92,7 @@ class Event(enum.Enum):
     )
     MAP_NOT_WRITTEN = Texts("the map was not written: {error}")
     SUMMARY_NOT_WRITTEN = Texts("summary.json was not written: {error}; it would be {summary}")
+    LEFT_OUT = Texts("map {share:.0%} (estimate); seen and left out: {places}")
     OVER = Texts("{why}: {files} map files are in {map_folder}, the recording in {folder}")
 
 

@@ -19,6 +19,7 @@ from companion.autopilot.vehicle import Vehicle
 from companion.clock import MonotonicClock
 from companion.config.settings import Settings
 from companion.config.show import dump_yaml
+from companion.control.left_out import LeftOut, in_words, merged
 from companion.errors import InputError
 from companion.flight.airborne import Airborne
 from companion.flight.events import Event, EventEmitter, console, recording, status_text
@@ -39,6 +40,7 @@ from companion.gate.runtime.processes import end_with_parent
 from companion.mapping.files.whole import whole_file
 from companion.mapping.process.client import MapClient, check_folder
 from companion.mapping.process.messages import MapError
+from companion.model import Pose
 from companion.pipeline import Explorer
 from companion.recording import RECORDING_NAME, FlightInfo, Recorder
 from companion.recording.folder import make_folder
@@ -163,8 +165,13 @@ class _Flight:
                 events.emit(Event.BROKE_OFF, why=why)
             navigation = Navigation.of(explorer.navigator)
             files, problem = await self._save(mapper, navigation, map_folder, folder)
+            # Not in the loop: the gate goes on hearing of us.
+            on_ground = await asyncio.to_thread(_left_out_on_ground, explorer, airborne.end)
+            left_out = merged((*on_ground, *mapper.left_out))
             summary = self._summary(why, results, mapper, recorder) | {
                 "explored_s": round(airborne.explored_s, 1),
+                "done_at_s": airborne.done_at_s,
+                "left_out": [place.as_json() for place in left_out],
                 "map_folder": str(map_folder),
                 "graph": navigation.graph.counts()._asdict(),
                 "map_problem": problem,
@@ -175,6 +182,7 @@ class _Flight:
         except OSError as error:
             # The flight is over, and has ended as it has: a full disk makes no failure of it.
             events.emit(Event.SUMMARY_NOT_WRITTEN, error=error.strerror, summary=json.dumps(summary))
+        events.emit(Event.LEFT_OUT, share=summary["estimated_completeness"], places=in_words(left_out))
         events.emit(Event.OVER, why=why, files=len(files), map_folder=map_folder, folder=folder)
         if broke_off is not None:
             raise broke_off
@@ -256,7 +264,7 @@ class _Flight:
             "ended_because": why,
             "as_it_should": why in [termination.value for termination in Termination if termination.as_it_should],
             "interrupted": self._operator.interrupted,
-            "completeness_estimate": status.completeness,
+            "estimated_completeness": status.completeness,
             "recording": recorder.problem or "whole",
             "recording_ticks_dropped": recorder.ticks_dropped,
             "recording_frames_dropped": recorder.frames_dropped,
@@ -277,3 +285,8 @@ class _Flight:
             "skipped_checks": [result.name for result in results if result.skipped],
             "versions": {name: version(name) for name in ("mine-companion", "mavsdk", "numpy", "numba")},
         }
+
+
+def _left_out_on_ground(explorer: Explorer, end: Pose | None) -> tuple[LeftOut, ...]:
+    """What was seen of the ground and not looked into; nothing is known of it where no place is known."""
+    return () if end is None else tuple(explorer.navigator.left_out(end))

@@ -23,7 +23,7 @@ class Termination(enum.StrEnum):
     """Reason for which the exploring ended."""
 
     COMPLETE = "complete"
-    """No frontier is left that the vehicle could reach."""
+    """Nothing is left that the vehicle knows of and can get to: `companion.control.completion`."""
     STOPPED = "stopped"
     """A person asked for it."""
     FAILSAFE = "autopilot failsafe took over"
@@ -71,7 +71,7 @@ class Conditions:
         gate_took_over: whether the gate says that it holds or lands, so that such a mode is its doing.
         gate_lost: whether the gate is gone.
         stop_asked: whether a person asked for the end.
-        complete: whether the map is.
+        complete: whether the mission is done, as `Completion` says.
         flown_s: time since the take-off.
         blind_s: time since inputs were last fresh.
         awake_s: time since this application last stood still: what it did not hear before, it may have slept through.

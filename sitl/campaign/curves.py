@@ -86,9 +86,9 @@ def shares_picture(
     return picture(HALF_WIDTH_IN, _HALF_HEIGHT_IN, draw)
 
 
-def completeness_picture(groups: Sequence[Group]) -> bytes:
-    """A PNG of how complete the maps became."""
-    return shares_picture(groups, "completeness", "completeness at the end", COMPLETE_SHARE, f"{COMPLETE_SHARE:.0%}")
+def completeness_picture(groups: Sequence[Group], name: str, meaning: str) -> bytes:
+    """A PNG of how complete the maps were, at the moment that ``name`` and ``meaning`` say."""
+    return shares_picture(groups, name, meaning, COMPLETE_SHARE, f"{COMPLETE_SHARE:.0%}")
 
 
 def bands(groups: Sequence[Group]) -> str:

@@ -33,7 +33,10 @@ def fly(mission: Mission) -> Row:
 
 
 def figures(simulation: Simulation) -> Row:
-    """What `Simulation.score` says of a mission that has ended, and how fast and how near to walls it flew."""
+    """What `Simulation.score` says of a mission that has ended, and how fast and how near to walls it flew.
+
+    ``estimate_error`` is how much too high the vehicle's own estimate of its completeness was.
+    """
     score = simulation.score()  # fills in the true distances of the logs
     speeds_mps = np.concatenate([np.abs(flight.log.column("speed_mps")) for flight in simulation.flights])
     true_d_m = np.concatenate([flight.log.column("true_d_m") for flight in simulation.flights])
@@ -43,6 +46,9 @@ def figures(simulation: Simulation) -> Row:
         "speed_mps": _mean(speeds_mps, 3),
         "slow_share": _mean(speeds_mps < SLOW_MPS, 3),
         "in_d_c_share": _mean(near, 5),
+        "estimate_error": None
+        if simulation.estimated_completeness is None
+        else round(simulation.estimated_completeness - simulation.completeness, 5),
         "critical_margin_m": simulation.settings.control.critical_margin_m,
         "software": software(),
         "error": None,

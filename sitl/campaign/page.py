@@ -83,7 +83,7 @@ def _halves(groups: Sequence[Group]) -> Iterator[Picture]:
         half=True,
     )
     yield Picture(
-        completeness_picture(groups),
+        completeness_picture(groups, "completeness", "completeness at the end"),
         "The share of the missions whose map was at most so complete at the end: look for what is left of the line.",
         half=True,
     )
@@ -95,6 +95,19 @@ def _halves(groups: Sequence[Group]) -> Iterator[Picture]:
             *((critical_m.pop(), "$d_c$") if len(critical_m) == 1 else ()),
         ),
         "The share of the missions that came at least so near to a wall: look for what is left of d_c.",
+        half=True,
+    )
+    yield Picture(
+        shares_picture(groups, "estimate_error", "estimated completeness less the true one, at the end", 0.0, "right"),
+        "The share of the missions whose own estimate of their map was at most so much too high: look for what lies "
+        "right of the line, maps that were taken for more than they were.",
+        half=True,
+    )
+    yield Picture(
+        completeness_picture(groups, "completeness_when_done", "completeness when the vehicle was done"),
+        "The share of the missions whose map was at most so complete when the vehicle would have ended the flight by "
+        "itself: look for what is left of the line. Missions that the truth ended before are not counted; with "
+        "sim.ends done all are.",
         half=True,
     )
     yield Picture(

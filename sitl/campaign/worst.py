@@ -46,7 +46,7 @@ def _contact(row: Row) -> float | None:
 
 
 def _incomplete(row: Row) -> float | None:
-    return None if row["ended_because"] == "complete" else _negative(row, "completeness")
+    return None if number(row, "completed_at_s") is not None else _negative(row, "completeness")
 
 
 def _negative(row: Row, name: str) -> float | None:

@@ -28,6 +28,7 @@ from sitl.campaign.plan import plan
 from sitl.campaign.progress import CampaignProgress
 from sitl.campaign.run import run
 from sitl.campaign.workers import LocalWorkers, Workers
+from sitl.report.cards import number
 from sitl.report.run_folder import default_folder
 
 TABLE = "missions.parquet"
@@ -199,8 +200,7 @@ def _again(folder: Path) -> str:
 
 
 def _judge(campaign: Campaign, rows: list[Row]) -> None:
-    ends = [str(row["ended_because"]) for row in rows]
-    if bad := [end for end in ends if end != "complete"]:
+    if bad := [str(row["ended_because"]) for row in rows if number(row, "completed_at_s") is None]:
         counted = ", ".join(f"{bad.count(end)} {end}" for end in sorted(set(bad)))
         raise CampaignFailedError(
             f"{len(bad)} of {len(campaign.missions)} missions did not end with a complete map: {counted}"

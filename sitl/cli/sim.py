@@ -11,6 +11,7 @@ from rich.console import Console
 
 from companion.cli.options import Config, Preset
 from companion.config.load import load
+from companion.control.left_out import in_words
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
 from companion.interruption import finishing, stopping
 from sitl.cli.mesh_options import DEFAULT_CLOUD_VOXEL_M, CloudVoxel, Scale, UpAxis
@@ -19,7 +20,7 @@ from sitl.mines.placing import Reading
 from sitl.report.kept import Kept
 from sitl.report.run_folder import default_folder, flown, new_folder, write_run
 from sitl.sim.display import Display, clock
-from sitl.sim.simulation import Progress, Simulation
+from sitl.sim.simulation import ENDED_WELL, Progress, Simulation
 
 PREPARING = "preparing the mine (the very first flight compiles the fast parts, about a minute)"
 
@@ -57,7 +58,7 @@ def simulate(
     """Fly a mission in a simulated mine and bring home its map.
 
     Writes the map, the trajectory, summary.json and report.html into a new folder. The exit code is 0 when the map is
-    complete, 1 when the mission ended otherwise, 2 for wrong input, 130 after Ctrl-C.
+    complete, or with sim.ends done the mission, 1 when it ended otherwise, 2 for wrong input, 130 after Ctrl-C.
     """
     console = Console()
     loaded = load(config, preset)
@@ -100,7 +101,7 @@ def simulate(
         raise UnwrittenError(f"not written to {target}: {'; '.join(f'{n} ({why})' for n, why in unwritten.items())}")
     if simulation.ended_because == "stopped by the user":
         raise typer.Exit(EXIT_INTERRUPTED)
-    if simulation.ended_because != "complete":
+    if simulation.ended_because not in ENDED_WELL:
         raise MissionFailedError(
             f"the mission ended because of: {simulation.ended_because}; the map holds {simulation.completeness:.1%} of "
             f"what can be seen"
@@ -132,6 +133,7 @@ def _say_result(console: Console, simulation: Simulation, summary: dict[str, obj
         f"{simulation.wall_time_s:.0f} s of waiting",
         f"map: {simulation.completeness:.2%} of what can be seen, "
         f"{summary['occupied_voxels']} voxels of {summary['voxel_m']} m",
+        f"the vehicle's own word: {_own_word(simulation)}; seen and left out: {in_words(simulation.left_out)}",
         f"least distance to a wall: {_metres(summary['least_d_m'])}, contacts: {summary['contacts']}, "
         f"least clearance of the body: {_metres(summary['least_clearance_m'])}",
         f"navigation graph: {graph['vertices']} vertices, {graph['edges']} edges, {graph['exits_untaken']} of "
@@ -148,3 +150,10 @@ def _say(console: Console, *lines: str) -> None:
 
 def _metres(value: object) -> str:
     return "not known" if value is None else f"{value} m"
+
+
+def _own_word(simulation: Simulation) -> str:
+    """What it would have said in flight, where nobody knows the truth."""
+    estimated, done_at_s = simulation.estimated_completeness, simulation.judgement.done_at_s
+    done = "not done yet" if done_at_s is None else f"done after {clock(done_at_s)}"
+    return f"{done}, {'an unknown share' if estimated is None else f'{estimated:.1%}'} mapped"

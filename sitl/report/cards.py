@@ -8,6 +8,7 @@ import numbers
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+from companion.control.left_out import in_words
 from sitl.report.data import ReportData
 from sitl.sim.simulation import COMPLETE_SHARE
 
@@ -33,6 +34,8 @@ def shown(value: object) -> str:
         return str(int(value))
     if isinstance(value, numbers.Real):
         return f"{float(value):.6g}" if math.isfinite(value) else UNKNOWN
+    if isinstance(value, Mapping):
+        return " ".join(shown(part) for part in value.values())
     if isinstance(value, (list, tuple)):
         parts = [shown(part) for part in value[:_LISTED]]
         more = f" ... ({len(value)} in all)" if len(value) > _LISTED else ""
@@ -112,6 +115,8 @@ def key_figures(data: ReportData) -> list[Card]:
     accuracy_m, path_m = number(summary, "accuracy_m"), number(summary, "path_length_m")
     sim_s, wall_s = number(summary, "sim_time_s"), number(summary, "wall_time_s")
     times = number(summary, "times_real_time")
+    estimated, done_s = number(summary, "estimated_completeness"), number(summary, "done_at_s")
+    when_done = number(summary, "completeness_when_done")
     ended, passages = summary.get("ended_because"), summary.get("passages")
     sizes = passages if isinstance(passages, Mapping) else {}
     return [
@@ -121,6 +126,19 @@ def key_figures(data: ReportData) -> list[Card]:
             UNKNOWN if completed_s is None else f"{completed_s:.0f} s",
             "not reached" if completed_s is None else minutes(completed_s),
             State.LOOK if completed_s is None else State.GOOD,
+        ),
+        Card(
+            "The vehicle's own word",
+            UNKNOWN if estimated is None else _percent(estimated),
+            "not done when it ended"
+            if done_s is None
+            else f"done after {seconds(done_s)}, with {_percent(when_done)} in truth",
+        ),
+        Card(
+            "Seen and left out",
+            in_words(data.left_out) if isinstance(summary.get("left_out"), list) else UNKNOWN,
+            "crosses in the plan below",
+            words=True,
         ),
         Card("Contacts with walls", shown(summary.get("contacts")), "should be none", _contact_state(contacts)),
         Card(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.control.graph import Graph
+from companion.control.left_out import LeftOut
 from sitl.sim.flight_log import FlightLog
 
 Array = NDArray[np.float64]
@@ -33,6 +34,7 @@ class ReportData:
         margin_m: d_s, the distance that the vehicle keeps to walls.
         critical_margin_m: d_c, the distance at which it stops to turn (paper eq. (12)).
         height_m: H, the flying height above ground.
+        left_out: what was seen and not looked into.
         settings_yaml: the settings of the flight, in plain text.
         graphs: the navigation graph of each vehicle.
     """
@@ -49,6 +51,7 @@ class ReportData:
     margin_m: float
     critical_margin_m: float
     height_m: float
+    left_out: tuple[LeftOut, ...]
     settings_yaml: str
     graphs: tuple[Graph, ...] = ()
 

@@ -11,8 +11,10 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
+from companion.control.left_out import LeftOut
 from sitl.report.data import Array, Points, ReportData, stretches
 from sitl.report.style import (
     CRITICAL,
@@ -173,7 +175,7 @@ def overview_png(data: ReportData, plan: Plan | None) -> bytes:
             _draw_ends(axes, flight, vehicle_colour(index) if several else INK)
         if handles:
             handles += [marker("o", "white", "start"), marker("s", INK, "end"), *_draw_nearest(axes, data.flights)]
-        return handles
+        return handles + _draw_left_out(axes, data.left_out)
 
     return plan_png(data, plan, draw)
 
@@ -264,6 +266,17 @@ def _draw_nearest(axes: Axes, flights: Sequence[FlightLog]) -> list[Line2D]:
     x, y = np.concatenate([flight.positions_m for flight in flights])[nearest, :2]
     axes.plot(x, y, "D", ms=8, mfc="none", mec=CRITICAL, mew=2.0, zorder=8)
     return [marker("D", "none", f"closest to a wall: {distances[nearest]:.2f} m", CRITICAL)]
+
+
+def _draw_left_out(axes: Axes, places: Sequence[LeftOut]) -> list[Line2D]:
+    """A cross for each place that was seen and not looked into, in a circle as wide as it, with the reason beside."""
+    for place in places:
+        where = (place.x_m, place.y_m)
+        axes.plot(*where, "x", ms=7, mec=CRITICAL, mew=1.8, zorder=9)
+        axes.add_patch(Circle(where, place.extent_m / 2.0, fill=False, ec=CRITICAL, lw=0.8, zorder=9))
+        beside = (7, 4)
+        axes.annotate(place.why.value, where, beside, textcoords="offset points", color=CRITICAL, fontsize=7, zorder=9)
+    return [marker("x", "none", "seen and left out", CRITICAL)] if places else []
 
 
 def marker(shape: str, fill: str, label: str, edge: str = INK) -> Line2D:

@@ -158,6 +158,7 @@ def write_run(kept: Kept, preset: str, config: Path | None) -> dict[str, object]
             margin_m=settings.control.margin_m,
             critical_margin_m=settings.control.critical_margin_m,
             height_m=settings.control.height_m,
+            left_out=simulation.left_out,
             settings_yaml=settings_yaml,
             graphs=graphs,
         )

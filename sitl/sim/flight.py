@@ -54,6 +54,8 @@ class Flight:
             stale_after_s=settings.fleet.stale_after_s,
         )
         self.measurement: Measurement | None = None
+        self.estimated = start
+        """Where it takes itself to be."""
         self.extended_s: list[float] = []
         """When the law helped itself where the paper's has no rule."""
         self.touched = False
@@ -92,6 +94,7 @@ class Flight:
         if self.navigator.status.extensions > len(self.extended_s):
             self.extended_s.append(true.t_s)
         self.measurement = measurement
+        self.estimated = observation.pose
         self.blind_s = self.blind_s + dt_s if measurement.missing else 0.0
         self.vehicle.command(setpoint)
         self.vehicle.step(dt_s)

@@ -14,16 +14,21 @@ from numpy.typing import NDArray
 
 from companion.config.settings import Settings
 from companion.control.graph import Counts
+from companion.control.left_out import LeftOut
 from companion.mapping import VoxelMap
 from companion.safety_case.passages import passages
 from sitl.mines import World
 from sitl.scene.raycast import RayCaster
 from sitl.scene.visibility import Say, Truth, accuracy_m, horizontal_clearance, precision, silent
 from sitl.sim.flight import Flight
+from sitl.sim.judgement import Judgement, merged_map
 from sitl.sim.start import check_room, remarks_on_start, start_poses
 
 COMPLETE_SHARE = 0.99
 """The map counts as complete when this share of what is visible is in it (METHOD: t_f)."""
+
+ENDED_WELL = ("complete", "done")
+"""Why a mission has ended that came to the end which `sim.ends` asks for, by the truth or by the vehicle's word."""
 
 CHECK_PERIOD_S = 5.0
 """Simulated time between two looks at the completeness."""
@@ -96,6 +101,12 @@ class Simulation:
         self.completeness = 0.0
         self.progress: list[tuple[float, float]] = []
         self.least_apart_m = math.inf
+        self.judgement = Judgement(self.flights, settings)
+        self.completeness_when_done: float | None = None
+        self.estimated_completeness: float | None = None
+        """What the vehicles take their map for at the end of `run`; None before."""
+        self.left_out: tuple[LeftOut, ...] = ()
+        """What they have seen the beginning of and not looked into, at the end of `run`."""
         self._found = np.zeros(len(self.truth.samples_m), np.bool_)
         self._next_check_s = 0.0
 
@@ -105,7 +116,7 @@ class Simulation:
         show: Callable[[Progress], None] | None = None,
         stop: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Fly until the map is complete, a vehicle touches something or misses inputs for long, or the time is up.
+        """Fly until the end that `sim.ends` names, or a contact, or long without inputs, or until the time is up.
 
         Args:
             time_limit_s: simulated time, in s.
@@ -119,8 +130,8 @@ class Simulation:
                 self._check()
                 if show is not None:
                     show(Progress(self.t_s, self.completeness, self.flights))
-                if self.completed_at_s is not None:
-                    self.ended_because = "complete"
+                self.ended_because = self._end()
+                if self.ended_because:
                     break
             if stop():
                 self.ended_because = "stopped by the user"
@@ -136,15 +147,21 @@ class Simulation:
         self.wall_time_s = time.perf_counter() - began
         self.completeness = self._exact_completeness()
         self.progress.append((self.t_s, self.completeness))
+        self.estimated_completeness = self.judgement.completeness(self.t_s)
+        self.left_out = self.judgement.left_out(self.t_s)
+
+    def _end(self) -> str:
+        """Why the mission ends by itself now; empty when it goes on."""
+        done = self.judgement.look(self.t_s)
+        if done and self.completeness_when_done is None:
+            self.completeness_when_done = self._exact_completeness()
+        if self.settings.sim.ends == "done":
+            return "done" if done else ""
+        return "complete" if self.completed_at_s is not None else ""
 
     def merged_map(self) -> VoxelMap:
         """V: the union of what every vehicle has mapped (paper eq. (5))."""
-        if len(self.flights) == 1:
-            return self.flights[0].map
-        merged = VoxelMap(self.settings.mapping)
-        for flight in self.flights:
-            merged.merge(flight.map)
-        return merged
+        return merged_map(self.flights, self.settings.mapping)
 
     def score(self) -> dict[str, object]:
         """The figures of `summary.json`; also fills in the true distances of the logs."""
@@ -166,6 +183,10 @@ class Simulation:
             "precision": _rounded(precision(off_m, voxels.voxel_m), 5),
             "accuracy_m": _rounded(accuracy_m(off_m), 4),
             "completed_at_s": None if self.completed_at_s is None else round(self.completed_at_s, 2),
+            "estimated_completeness": _rounded(_or_nan(self.estimated_completeness), 5),
+            "done_at_s": _rounded(_or_nan(self.judgement.done_at_s), 2),
+            "completeness_when_done": _rounded(_or_nan(self.completeness_when_done), 5),
+            "left_out": [place.as_json() for place in self.left_out],
             "sim_time_s": sim_time_s,
             "wall_time_s": round(self.wall_time_s, 2),
             "times_real_time": round(sim_time_s / self.wall_time_s, 2) if self.wall_time_s > 0.0 else None,
@@ -225,7 +246,7 @@ class Simulation:
             open_points = np.flatnonzero(~self._found)
             self._found[open_points] = flight.map.occupied_near(self.truth.samples_m[open_points])
         self.completeness = self._found_share()
-        if self.completeness >= COMPLETE_SHARE:
+        if self.completeness >= COMPLETE_SHARE and self.completed_at_s is None:
             # A voxel that was occupied may have been carved away since: what counts is the map as it is.
             self.completeness = self._exact_completeness()
             if self.completeness >= COMPLETE_SHARE:
@@ -261,6 +282,10 @@ class Simulation:
 
 def _mean(values: NDArray[np.bool_]) -> float:
     return float(np.mean(values)) if values.size else math.nan
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else value
 
 
 def _rounded(value: float, digits: int) -> float | None:

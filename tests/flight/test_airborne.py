@@ -11,6 +11,8 @@ from typing import Any, Self
 import pytest
 
 from companion.config.load import load_settings
+from companion.control import completion
+from companion.control.completion import MapWord
 from companion.flight.airborne import Airborne
 from companion.flight.events import Event, EventEmitter
 from companion.flight.gate_client import GateClient, GateLostError, GateTookOverError
@@ -20,12 +22,14 @@ from companion.flight.termination import Termination
 from companion.gate.faults import Fault, Stage
 from companion.gate.protocol import Notice, Phase
 from companion.mavlink.firmware import AutopilotKind
+from companion.model import Pose
 from tests.flight.fake_gate import FakeGate
 from tests.flight.test_reporting import STATUS
 from tests.flight.test_termination import conditions
 from tests.shared.clocks import HandClock
 
 SETTINGS = load_settings()
+NOTHING_LEFT = MapWord(frontier_m=0.0, seen_share=1.0, surfaces_seen=1000, has_room=True)
 STALL_S = 5.0
 """Longer than an autopilot may be silent, shorter than inputs may be missing."""
 
@@ -75,6 +79,8 @@ class ControlLoop:
 
     def __init__(self, gate: GateClient, flight: PhaseMachine, clock: HandClock) -> None:
         self.fresh_s = 0.0
+        self.pose = Pose(0.0, 1.0, 2.0, 1.5, 0.0)
+        self.way_is_left: bool | None = None
         self.fails = False
         self._gate = gate
         self._flight = flight
@@ -82,6 +88,9 @@ class ControlLoop:
 
     def measured_height_m(self) -> float:
         return 1.5
+
+    def is_way_left(self) -> bool | None:
+        return self.way_is_left
 
     async def run(self) -> None:
         while True:
@@ -127,7 +136,7 @@ class Stand:
     async def _meanwhile(self, what: str) -> None:
         await self.clock.sleep(0.3)
         if what == "complete":
-            self.status = replace(STATUS, complete=True)
+            self.status = replace(STATUS, word=NOTHING_LEFT)
         elif what == "stop":
             self.operator.stop.set()
         elif what == "gate dies":
@@ -145,7 +154,7 @@ class Stand:
                 await self.clock.sleep(1.0)
                 self.heartbeat_s = None
                 await self.clock.sleep(0.5)
-                self.status = replace(STATUS, complete=True)
+                self.status = replace(STATUS, word=NOTHING_LEFT)
         elif what == "silence":
             self.heartbeat_s = self.clock.now_s()
         elif what == "tick fails":
@@ -165,7 +174,9 @@ class Stand:
 
 
 @pytest.fixture
-def stand() -> Iterator[Stand]:
+def stand(monkeypatch: pytest.MonkeyPatch) -> Iterator[Stand]:
+    # So long no flight of these tests has fresh inputs.
+    monkeypatch.setattr(completion, "SUSTAINED_S", 0.0)
     with FakeGate() as gate:
         yield Stand(gate)
 
@@ -243,7 +254,7 @@ async def test_a_take_off_that_the_gate_ends_is_named_as_that(stand: Stand) -> N
 async def test_a_landing_is_not_broken_off_by_the_gate(stand: Stand) -> None:
     """It would be told to land once more, by whoever has just stopped waiting for it."""
     stand.vehicle.hangs, stand.vehicle.patience_s = "land", 0.5
-    stand.status = replace(STATUS, complete=True)
+    stand.status = replace(STATUS, word=NOTHING_LEFT)
     assert await stand.fly("gate holds") is Termination.COMPLETE
     assert stand.told == ["take off", "engage", "land", "leave"]
 
@@ -270,3 +281,18 @@ async def test_a_vehicle_that_could_not_be_left_in_order_stays_the_gates_busines
         await stand.fly("tick fails")
     assert stand.talk.phase is Phase.ENDING
     assert Phase.ENDED not in {beat.phase for beat in stand.gate.beats()}
+
+
+async def test_known_ground_with_a_way_left_keeps_it_flying_whatever_the_map_says(stand: Stand) -> None:
+    """Protects an untaken exit that the map's plan does not show. Where the exploring ended is known afterwards."""
+    stand.control_loop.way_is_left = True
+    stand.status = replace(STATUS, word=NOTHING_LEFT)
+    assert await stand.fly("nothing") is Termination.INPUTS
+    assert stand.flight.done_at_s is None
+    assert stand.flight.end == stand.control_loop.pose
+
+
+async def test_the_end_tells_when_the_mission_was_done(stand: Stand) -> None:
+    stand.control_loop.way_is_left = False
+    assert await stand.fly("complete") is Termination.COMPLETE
+    assert stand.flight.done_at_s == pytest.approx(stand.flight.explored_s, abs=0.2)

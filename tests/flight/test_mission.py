@@ -18,8 +18,11 @@ import pytest
 from companion.autopilot.telemetry import Telemetry
 from companion.config.load import load_settings
 from companion.config.settings import Settings
+from companion.control.completion import SUSTAINED_S, MapWord
+from companion.control.left_out import LeftOut, Why
 from companion.control.navigator import Navigator
 from companion.flight import mission
+from companion.flight.airborne import DONE_PERIOD_S
 from companion.flight.gate_client import GateClient
 from companion.flight.navigation_files import Navigation
 from companion.flight.phase import PhaseMachine
@@ -42,7 +45,11 @@ from tests.flight.fake_gate import FakeGate
 from tests.flight.test_reporting import STATUS
 from tests.shared.clocks import HandClock
 
+NOTHING_LEFT = MapWord(frontier_m=0.0, seen_share=1.0, surfaces_seen=1000, has_room=True)
+SOMETHING_LEFT = NOTHING_LEFT._replace(frontier_m=3.0)
 EXPLORED_S = 12.0
+"""When the map has nothing left."""
+ENDED_S = EXPLORED_S + SUSTAINED_S
 WALL_M = 4.0
 
 
@@ -50,8 +57,9 @@ class Map:
     """In the place of the process of the map: complete after a while."""
 
     def __init__(self, clock: HandClock) -> None:
-        self.status = STATUS
+        self.status = replace(STATUS, word=SOMETHING_LEFT)
         self.offered = 0
+        self.left_out = (LeftOut(3.0, 4.0, 1.5, 1.2, Why.TOO_LOW),)
         self._clock = clock
 
     def __call__(self, *_: object, **__: object) -> Self:
@@ -147,7 +155,7 @@ class Scene:
             self.mine.at(1.0, self._start)
 
     def _complete(self) -> None:
-        self.map.status = replace(STATUS, complete=True)
+        self.map.status = replace(STATUS, word=NOTHING_LEFT)
 
     def _start(self) -> None:
         ours = {"target_system": 1, "target_component": 191, "command": MavCmd.MISSION_START, "param1": 0.0}
@@ -170,7 +178,12 @@ async def test_a_flight_from_the_checks_to_the_summary(
     folder = next(tmp_path.iterdir())  # noqa: ASYNC240 - nothing else runs any more
     assert json.loads((folder / "summary.json").read_text()) == summary
     assert (summary["ended_because"], summary["as_it_should"], summary["interrupted"]) == ("complete", True, False)
-    assert summary["explored_s"] == pytest.approx(EXPLORED_S, abs=0.5)
+    assert summary["explored_s"] == pytest.approx(ENDED_S, abs=DONE_PERIOD_S + 0.5)
+    assert summary["done_at_s"] == pytest.approx(summary["explored_s"], abs=0.2)
+    assert summary["estimated_completeness"] == STATUS.completeness
+    low = {"x_m": 3.0, "y_m": 4.0, "z_m": 1.5, "extent_m": 1.2, "why": "too low"}
+    assert low in summary["left_out"]
+    assert any(line.startswith("map 40% (estimate); seen and left out: 1 too low") for line in scene.lines)
     assert not scene.mine.armed
     assert ("waiting for the start" in scene.lines) is (start == "command")
     said = ["taking off", "exploring", "exploring ended: complete", "writing the map"]
@@ -178,9 +191,9 @@ async def test_a_flight_from_the_checks_to_the_summary(
     texts = [fields["text"] for fields in scene.link.sent_named("STATUSTEXT")]
     assert "companion: complete: landing" in texts
     flown = figures(folder / "flight.mcap")
-    assert flown.engaged_s == pytest.approx(EXPLORED_S, abs=0.5)
-    assert flown.setpoints == pytest.approx(20 * EXPLORED_S, abs=10)
-    assert len(list(open_recording(folder / "flight.mcap").observations())) > 20 * EXPLORED_S
+    assert flown.engaged_s == pytest.approx(ENDED_S, abs=DONE_PERIOD_S + 0.5)
+    assert flown.setpoints == pytest.approx(20 * ENDED_S, abs=20 * DONE_PERIOD_S + 10)
+    assert len(list(open_recording(folder / "flight.mcap").observations())) > 20 * ENDED_S
     assert scene.map.offered > 100
     assert list(dict.fromkeys(beat.phase for beat in scene.mine.beats)) == list(Phase)
     times_s = [beat.t_s for beat in scene.mine.beats if beat.phase is not Phase.GROUND]

@@ -38,7 +38,6 @@ STATUS = MapStatus(
     refused=0,
     occupied=100,
     completeness=0.4,
-    complete=False,
     frontiers=3,
     survey_s=0.01,
     age_s=0.1,

@@ -43,7 +43,7 @@ def test_it_explores_a_room_to_completion_and_lands(personality: str, gps: bool,
     summary, truth = flight.summary(), flight.crew.score()
     assert (summary["ended_because"], summary["autopilot"]) == ("complete", personality)
     assert (summary["recording"], summary["map_problem"], summary["skipped_checks"]) == ("whole", None, [])
-    assert summary["completeness_estimate"] > 0.9
+    assert summary["estimated_completeness"] > 0.9
     assert summary["clock_residual_s"] < 0.03
     assert list(flight.folder.glob("map*")), "the map came home"
     assert truth["contacts"] == 0

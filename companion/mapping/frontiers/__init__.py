@@ -11,5 +11,6 @@ that is drawn through the map: `plan`. `surveyor` makes a survey in these steps:
 5. `reachable`: what the vehicle can get to, and how far the way is. This alone goes through the whole plan, part by
    part.
 6. `frontier_cells`: which unknown cells are frontiers, which of them belong together, and what is reported of each.
-7. `frontier`: what a survey says, and whether the map is complete.
+7. `frontier`: what a survey says. Whether the mission is done by that is said in `companion.control.completion`.
+8. `left_out`: what was seen and cannot be looked into, and why; at the end of a flight only.
 """

@@ -1,7 +1,7 @@
-"""What is left to explore, and whether the map is complete (METHOD Definition 2.3).
+"""What is left to explore (METHOD Definition 2.3).
 
-In flight there is no truth: the map is complete when no frontier, known free space next to unknown, is left that the
-vehicle could reach or look at while it keeps d_s from everything. This is decided on a plan at flight height, which
+In flight there is no truth: the map has no more to say when no frontier, known free space next to unknown, is left that
+the vehicle could reach or look at while it keeps d_s from everything. This is decided on a plan at flight height, which
 follows the ground, over the slab that counts as obstacle: a camera that looks forward with 57° from floor to roof sees
 them near the walls only from metres back, so a frontier of voxels would have specks there nearly always. Floor and roof
 are counted instead: of every free cell it is asked whether the surface below and above was seen.
@@ -16,6 +16,7 @@ from typing import Self
 
 from companion.config.control import ControlSettings
 from companion.config.mapping import MapSettings
+from companion.control.completion import MapWord
 from companion.model import Camera, FloatArray
 
 LEAST_FRONTIER_M = 0.5
@@ -24,18 +25,6 @@ half a metre is too small for a vehicle that needs 2 d_c to pass."""
 
 MOST_FRONTIERS = 64
 """So many frontiers are reported one by one."""
-
-ENOUGH_SEEN = 0.97
-"""Share of floor and roof that has to be seen. Not all: no reachable place looks into every niche and shadow."""
-
-SETTLED_SEEN = 0.85
-SETTLED_S = 180.0
-"""What is left may be what the camera cannot see: water, glass, a shaft. When at least `SETTLED_SEEN` of floor and roof
-was seen, no opening is left that the vehicle fits through, and flying this long brought nothing new, the map counts as
-complete, or a mission would never end."""
-
-NEWS_SHARE = 0.002
-"""So much more floor and roof than before is something new."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,6 +144,15 @@ class Survey:
         counted = self.surfaces_seen + self.surfaces_missing
         return self.surfaces_seen / counted if counted else 1.0
 
+    def word(self, reach: Reach) -> MapWord:
+        """What the map says to `Completion`, which decides when a mission is done."""
+        return MapWord(
+            frontier_m=float(self.frontiers_m[0]) if len(self.frontiers_m) else 0.0,
+            seen_share=self.seen_share,
+            surfaces_seen=self.surfaces_seen,
+            has_room=self.free_m2 >= math.pi * reach.margin_m**2,
+        )
+
     @property
     def completeness(self) -> float:
         """An estimate from 0 to 1: floor and roof seen, over these and what is missing or expected.
@@ -164,34 +162,3 @@ class Survey:
         """
         total = self.surfaces_seen + self.surfaces_missing + self.expected_cells
         return self.surfaces_seen / total if total else 0.0
-
-
-class Judge:
-    """Says when the map is complete, from one survey after the other.
-
-    Args:
-        reach: what the vehicle can do.
-    """
-
-    def __init__(self, reach: Reach) -> None:
-        self._reach = reach
-        self._most_seen = 0
-        self._news_s = -math.inf
-
-    def complete(self, found: Survey, t_s: float) -> bool:
-        """Whether the map is complete now. It may say no again later: a new opening is news.
-
-        Args:
-            found: the newest survey.
-            t_s: time of the newest frame in it, in s.
-        """
-        if found.surfaces_seen > self._most_seen * (1.0 + NEWS_SHARE):
-            self._most_seen, self._news_s = found.surfaces_seen, t_s
-        # Who has not even seen the room to turn in has seen nothing.
-        if found.free_m2 < math.pi * self._reach.margin_m**2:
-            return False
-        if len(found.frontiers_m) == 0 and found.seen_share >= ENOUGH_SEEN:
-            return True
-        openings = found.frontiers_m >= 2.0 * self._reach.critical_margin_m
-        settled = t_s - self._news_s >= SETTLED_S and found.seen_share >= SETTLED_SEEN
-        return settled and not bool(openings.any())

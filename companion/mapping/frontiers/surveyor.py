@@ -11,10 +11,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.control.left_out import LeftOut, merged
 from companion.mapping.frontiers.flood import add_flown, follow_map, remove_flown
 from companion.mapping.frontiers.flood_work import WIDEST, Work, flown_at, no_tasks
 from companion.mapping.frontiers.frontier import MOST_FRONTIERS, Access, Reach, Survey
 from companion.mapping.frontiers.frontier_cells import clusters, frontiers_of, mark_frontiers
+from companion.mapping.frontiers.left_out import left_out
 from companion.mapping.frontiers.plan import MOST_SHEETS, TILE, cells_within, empty_plan, shape_of
 from companion.mapping.frontiers.reachable import count_reached, part_sheets, reached_parts
 from companion.mapping.frontiers.state_grid import StateGrid
@@ -142,6 +144,15 @@ class Surveyor:
             here = self._here = int(add_flown(self._work, places)[0])
         cells, about = self._look(here)
         return self._result(cells, about, here_m)
+
+    def left_out(self, found: Survey) -> tuple[LeftOut, ...]:
+        """What the vehicle has seen the beginning of and not looked into; takes longer than a survey.
+
+        Args:
+            found: the last survey, after which nothing was changed.
+        """
+        places = left_out(self.known.grid, self._plan, self._shape, self._reached, found.frontiers)
+        return merged(places)
 
     @property
     def memory_bytes(self) -> int:

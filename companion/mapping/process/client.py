@@ -21,6 +21,7 @@ import numpy as np
 from companion.clock import Clock, MonotonicClock
 from companion.config.control import ControlSettings
 from companion.config.mapping import MapSettings
+from companion.control.left_out import LeftOut
 from companion.errors import InputError
 from companion.mapping.frontiers.frontier import Reach
 from companion.mapping.journal import JOURNAL_NAME
@@ -42,7 +43,7 @@ from companion.mapping.process.supervisor import MapSupervisor
 from companion.model import MOST_RAYS, Camera, DepthFrame, PlanarScan
 
 STALE_S = 5.0
-"""A process that has been silent for this long does not say any more that the map is complete."""
+"""A process that has been silent for this long says nothing any more of whether the mission is done."""
 
 MOST_CAMERAS = 8
 
@@ -139,6 +140,8 @@ class MapClient:
         arguments = (self._rings, settings, self._cameras, self._reach, journal)
         self._supervisor = MapSupervisor(self._context, _serve, arguments, self._on_message, self._on_death)
         self._saving = asyncio.Lock()
+        self.left_out: tuple[LeftOut, ...] = ()
+        """What the map had seen the beginning of and the vehicle had not looked into, at the last `save`."""
         self._keeps = 0
         self._kept: asyncio.Future[Kept] | None = None
         self._reported = MapStatus()
@@ -178,7 +181,7 @@ class MapClient:
             alive=alive,
             restarts=self._supervisor.restarts,
             resumed_chunks=self._resumed_chunks,
-            complete=reported.complete and alive and age_s <= STALE_S,
+            word=reported.word if alive and age_s <= STALE_S else None,
             problem=reported.problem if alive else self._supervisor.why or "the process of the map does not run",
         )
 
@@ -247,6 +250,7 @@ class MapClient:
             raise MapError(f"the map was not kept in {self._folder} in {SAVE_TIMEOUT_S:g} s") from None
         finally:
             self._kept = None
+        self.left_out = kept.left_out
         if kept.problem:
             raise MapError(f"cannot write the map to {self._folder}: {kept.problem}")
 

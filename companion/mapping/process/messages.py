@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from companion.control.completion import MapWord
+from companion.control.left_out import LeftOut
 from companion.errors import CompanionError
 from companion.model import Camera, Pose
 
@@ -105,7 +107,7 @@ class MapStatus:
         kept_scans: the same of scans.
         occupied: occupied voxels.
         completeness: an estimate from 0 to 1 of how much of the map is there (`Survey.completeness`).
-        complete: no frontier is left (`Judge.complete`).
+        word: what the map says to `Completion`; None while it knows nothing, or its process is dead or silent.
         frontiers: how many are left.
         survey_s: how long the last look for frontiers took.
         frame_ms: what one image takes, the median of the last ones.
@@ -129,7 +131,7 @@ class MapStatus:
     kept_scans: int = 0
     occupied: int = 0
     completeness: float = 0.0
-    complete: bool = False
+    word: MapWord | None = None
     frontiers: int = 0
     survey_s: float = 0.0
     frame_ms: float = 0.0
@@ -150,10 +152,11 @@ class MapStatus:
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """From the map: everything is on the disk, or why it is not."""
+    """From the map: everything is on the disk, or why it is not; and what was seen and not looked into."""
 
     number: int
     problem: str = ""
+    left_out: tuple[LeftOut, ...] = ()
 
 
 Offered = OfferedFrame | OfferedScan

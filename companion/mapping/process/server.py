@@ -18,9 +18,10 @@ from statistics import median
 import numpy as np
 
 from companion.config.mapping import MapSettings
+from companion.control.left_out import LeftOut
 from companion.errors import CompanionError
 from companion.gate.runtime.processes import end_with_parent
-from companion.mapping.frontiers.frontier import Judge, Reach, Survey
+from companion.mapping.frontiers.frontier import Reach, Survey
 from companion.mapping.frontiers.surveyor import Surveyor
 from companion.mapping.process.journaled_map import JournaledMap
 from companion.mapping.process.messages import (
@@ -126,7 +127,8 @@ def compile_ahead(
             surveyor.flew(np.array([[0.0, 0.0, reach.height_m]]))
             # Twice: leaving a place that was only surveyed from is compiled too.
             for x_m in (0.0, 1.0):
-                surveyor.survey((x_m, 0.0, reach.height_m))
+                found = surveyor.survey((x_m, 0.0, reach.height_m))
+            surveyor.left_out(found)
 
 
 def _surveyor(voxels: JournaledMap, reach: Reach) -> Surveyor:
@@ -188,7 +190,7 @@ class MapServer:
         self._pipe = pipe
         self._rings = rings
         self._map = voxels
-        self._judge = Judge(reach)
+        self._reach = reach
         self._surveyor = _surveyor(voxels, reach)
         self._waiting = Waiting(len(rings))
         self._flown: deque[tuple[float, float, float]] = deque(maxlen=MOST_PLACES)
@@ -196,7 +198,6 @@ class MapServer:
         self._took_s: deque[float] = deque(maxlen=TIMED_FRAMES)
         self._surveyed_revision = voxels.revision
         self._survey: Survey | None = None
-        self._complete = False
         self._survey_s = 0.0
         self._next_survey_s = self._next_report_s = -math.inf
 
@@ -210,7 +211,7 @@ class MapServer:
                 self._keep()
                 return False
             if isinstance(message, Keep):
-                self._pipe.send(Kept(message.number, self._keep()))
+                self._pipe.send(Kept(message.number, self._keep(), self._left_out()))
             else:
                 self._waiting.add(message)
         if self._waiting:
@@ -231,6 +232,12 @@ class MapServer:
         problem = self._map.keep()
         self._report(time.monotonic())
         return problem
+
+    def _left_out(self) -> tuple[LeftOut, ...]:
+        """What was seen and not looked into, from everything that is in the map."""
+        if self._map.revision > self._surveyed_revision:
+            self._look_for_frontiers()
+        return () if self._survey is None else self._surveyor.left_out(self._survey)
 
     def _put(self, offered: Offered) -> None:
         began_s = time.monotonic()
@@ -273,7 +280,6 @@ class MapServer:
             self._surveyor.flew(np.array(self._flown))
             self._flown.clear()
         self._survey = self._surveyor.survey((newest.pose.x_m, newest.pose.y_m, newest.pose.z_m))
-        self._complete = self._judge.complete(self._survey, newest.t_s)
         ended_s = time.monotonic()
         self._survey_s = ended_s - began_s
         self._next_survey_s = ended_s + max(SURVEY_PERIOD_S, self._survey_s / SURVEY_SHARE) - self._survey_s
@@ -287,7 +293,7 @@ class MapServer:
                 kept_scans=voxels.kept_scans,
                 occupied=0 if found is None else found.occupied,
                 completeness=0.0 if found is None else found.completeness,
-                complete=self._complete,
+                word=None if found is None else found.word(self._reach),
                 frontiers=0 if found is None else len(found.frontiers_m),
                 survey_s=self._survey_s,
                 frame_ms=1000.0 * median(self._took_s) if self._took_s else 0.0,

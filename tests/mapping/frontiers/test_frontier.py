@@ -1,4 +1,4 @@
-"""Frontiers, the end of a mission, and surveys of a growing map."""
+"""Frontiers, what a map says of the end of a mission, and surveys of a growing map."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from companion.control.completion import MapWord
 from companion.mapping import FREE, OCCUPIED, UNKNOWN, MapSnapshot
-from companion.mapping.frontiers.frontier import SETTLED_S, Access, Judge, Survey
+from companion.mapping.frontiers.frontier import Access, Survey
 from companion.mapping.frontiers.surveyor import Surveyor, survey
 from companion.model import FloatArray
 from tests.mapping.frontiers.scenes import REACH, Dense, room, snapshot, some_chunks
@@ -35,7 +36,7 @@ def test_a_room_that_was_seen_is_complete(voxel_m: float) -> None:
     # 1 m from every wall leaves 6 m x 4 m; the tolerance is two cells at most at every wall.
     cell_m = max(voxel_m, 0.1)
     assert 24.0 <= found.reachable_m2 <= (6.0 + 4.01 * cell_m) * (4.0 + 4.01 * cell_m)
-    assert Judge(REACH).complete(found, 0.0)
+    assert found.word(REACH) == MapWord(0.0, 1.0, found.surfaces_seen, has_room=True)
 
 
 def test_an_opening_into_the_unknown_is_a_frontier() -> None:
@@ -47,9 +48,7 @@ def test_an_opening_into_the_unknown_is_a_frontier() -> None:
     # 2.4 m, less what lies at the frame of the door and could be its undecided voxels.
     assert 1.8 <= found.frontiers_m[0] <= 2.4
     assert found.completeness < 0.95
-    judge = Judge(REACH)
-    assert not judge.complete(found, 0.0)
-    assert not judge.complete(found, 100.0 * SETTLED_S), "a way out must never be given up"
+    assert found.word(REACH).frontier_m == found.frontiers_m[0], "a way out must never be given up"
 
 
 def test_specks_are_no_frontier() -> None:
@@ -121,7 +120,7 @@ def test_floor_and_roof_have_to_be_seen() -> None:
     found = survey(snapshot(dense), MIDDLE, REACH)
     assert len(found.frontiers_m) == 0
     assert found.seen_share == pytest.approx(0.75, abs=0.01)
-    assert not Judge(REACH).complete(found, 0.0)
+    assert found.word(REACH).seen_share == found.seen_share
 
 
 def test_a_roof_out_of_sight_does_not_count() -> None:
@@ -139,32 +138,7 @@ def test_an_empty_map_is_not_complete(places: NDArray[np.float64]) -> None:
     for nothing in (unknown, MapSnapshot(0.1, 0, unknown.chunks[:0], unknown.states[:0])):
         found = survey(nothing, places, REACH)
         assert found.completeness == 0.0
-        judge = Judge(REACH)
-        assert not judge.complete(found, 0.0)
-        assert not judge.complete(found, 1e6)
-
-
-def _found(seen: int, missing: int, *frontiers_m: float) -> Survey:
-    return Survey(100.0, 50.0, np.array(frontiers_m), seen, missing, 0.0, 1000)
-
-
-def test_a_mission_ends_when_nothing_new_comes() -> None:
-    """Water and glass are never seen. News, or an opening that the vehicle fits through, keeps it flying."""
-    judge = Judge(REACH)
-    assert not judge.complete(_found(900, 100, 0.6), 10.0)
-    assert not judge.complete(_found(900, 100, 0.6), 9.0 + SETTLED_S)
-    assert not judge.complete(_found(910, 100, 0.6), 10.0 + SETTLED_S), "news"
-    assert not judge.complete(_found(910, 100, 1.5), 11.0 + 2.0 * SETTLED_S), "an opening"
-    assert judge.complete(_found(910, 100, 0.6), 11.0 + 2.0 * SETTLED_S)
-    assert not judge.complete(_found(500, 500, 0.6), 11.0 + 3.0 * SETTLED_S), "half of the floor is missing"
-
-
-def test_complete_at_once_when_all_is_seen() -> None:
-    """No frontier and floor and roof seen: no reason to wait, and none to look away when one appears again."""
-    judge = Judge(REACH)
-    assert judge.complete(_found(990, 10), 1.0)
-    assert not judge.complete(_found(990, 10, 3.0), 2.0)
-    assert not judge.complete(dataclasses.replace(_found(990, 10), free_m2=1.0), 3.0)
+        assert not found.word(REACH).has_room
 
 
 # Surveys of a growing map: the same as of the whole one, whatever became known when.
@@ -297,5 +271,5 @@ def test_far_from_everything_nothing_is_complete() -> None:
     for place in ((0.0, 0.0, 1.5), (1e12, 0.0, 1.5)):
         found = surveyor.survey(place)
         assert found.completeness == 0.0
-        assert not Judge(REACH).complete(found, 1e6)
+        assert not found.word(REACH).has_room
         assert found.reachable_m2 == found.free_m2 <= math.pi * (REACH.critical_margin_m + 0.1) ** 2

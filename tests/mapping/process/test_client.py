@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from companion.config.mapping import MapSettings
+from companion.control.left_out import Why
 from companion.errors import CompanionError
 from companion.mapping import VoxelMap
 from companion.mapping.frontiers.surveyor import survey
@@ -66,6 +67,14 @@ async def test_the_map_of_the_process_is_the_map(tmp_path: Path) -> None:
     assert f"element vertex {here.counts().occupied}\n".encode() in text
 
 
+async def test_what_is_left_out_comes_with_the_last_of_a_map() -> None:
+    """Protects the list of a flight: after a third of a turn the rest of the room is open, and is told when saving."""
+    async with mapper() as maps:
+        await give(maps, images()[:4])
+        await maps._keep()
+        assert Why.NOT_REACHED in {place.why for place in maps.left_out}
+
+
 async def test_a_slow_map_drops_images_and_holds_nobody_up() -> None:
     """Stopped by the system, the process takes nothing: offers are refused at once, counted, and never pile up."""
     async with mapper() as maps:
@@ -111,7 +120,7 @@ async def test_a_killed_process_without_a_folder_comes_back_empty(monkeypatch: p
         await give(maps, images(3))
         os.kill(child_of(maps), signal.SIGKILL)
         await until(lambda: not maps.status.alive, "noticed")
-        assert not maps.status.complete
+        assert maps.status.word is None
         assert maps.status.problem == "the process of the map does not run"
         assert not maps.offer(images(1)[0])
         await until(lambda: maps.status.alive, "started again")

@@ -35,6 +35,8 @@ def once(flown: Mission) -> Row:
         "completed_at_s": 10.0 * flown.seed,
         "sim_time_s": 10.0 * flown.seed,
         "completeness": 0.99,
+        "completeness_when_done": 0.985,
+        "estimate_error": -0.01,
         "path_length_m": 4.0 * flown.seed,
         "contacts": 0,
         "least_d_m": 0.9,

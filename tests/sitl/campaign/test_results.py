@@ -115,7 +115,7 @@ def test_the_report_names_the_worst_and_how_to_fly_them_again(tmp_path: Path, ca
     assert "1 (in at most 25.01 % at 95 %)" in page
     assert "<b>bold" not in page
     assert "software 1.2.3 abc and another" in page
-    assert page.count("<img ") == 5
+    assert page.count("<img ") == 7
     worst = {one.mission.number: one for one in worst_of(campaign, rows)}
     assert list(worst)[:2] == [3, 5]
     assert worst[3].why[0] == "contact, least distance 0.3 m"
@@ -143,5 +143,20 @@ def test_a_report_of_few_rows_or_of_failures_alone(tmp_path: Path, campaign: Cam
 def test_a_share_is_not_rounded_to_all(tmp_path: Path, campaign: Campaign) -> None:
     """Protects the one mission of thousands: 99.99 % is not shown as 100 %."""
     first = rows_of(campaign)[0]
-    write_report(tmp_path, campaign, [first] * 9999 + [{**first, "ended_because": "time limit"}])
+    write_report(
+        tmp_path, campaign, [first] * 9999 + [{**first, "ended_because": "time limit", "completed_at_s": None}]
+    )
     assert re.search("> 99.9 %</span>", (tmp_path / "report.html").read_text(encoding="utf-8"))
+
+
+def test_a_vehicle_that_was_done_too_early_has_no_complete_map(campaign: Campaign) -> None:
+    """Protects the share of complete maps where the vehicle's own word ends missions: the truth counts them."""
+    early, late = rows_of(campaign)[:2]
+    early |= {"ended_because": "done", "completed_at_s": None, "completeness": 0.9}
+    late |= {"ended_because": "done", "completed_at_s": 10.0, "sim_time_s": 40.0}
+    group = Group("all", (early, late))
+    assert group.complete == 1
+    assert group.arrived_s() == [10.0, math.inf]
+    assert [one.row for one in worst_of(campaign, (early, late)) if any("completeness" in why for why in one.why)] == [
+        early
+    ]

@@ -10,6 +10,8 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+
 from companion.interruption import ENDS
 from sitl.campaign.flight import fly as fly_really
 from sitl.campaign.folder import claimed
@@ -129,6 +131,9 @@ def test_a_real_mission_leaves_its_figures_and_a_bad_one_its_error() -> None:
     short = Mission(0, "room", Site(), 4, "flight", "", {}, missions.SETTINGS_JSON, 1, 0.5)
     row = fly_really(short)
     assert (row["world"], row["seed"], row["ended_because"], row["contacts"]) == ("room", 4, "time limit", 0)
+    assert {"estimated_completeness", "done_at_s", "completeness_when_done", "left_out"} <= row.keys()
+    estimated, true = float(str(row["estimated_completeness"])), float(str(row["completeness"]))
+    assert row["estimate_error"] == pytest.approx(estimated - true, abs=2e-5)
     assert {"least_d_m", "speed_mps", "slow_share", "in_d_c_share", "path_length_m", "versions"} <= row.keys()
     again = fly_really(short)
     timing = ("wall_time_s", "times_real_time")

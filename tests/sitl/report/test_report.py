@@ -18,6 +18,7 @@ from matplotlib.image import imread
 from numpy.typing import NDArray
 
 from companion.control.graph import EdgeKind, Graph
+from companion.control.left_out import LeftOut, Why
 from companion.model import Measurement, Mode, Pose, Setpoint
 from companion.viewer.graphs import EDGE_COLOURS, UNVISITED
 from sitl.report import ReportData, overview_png, write_report
@@ -27,7 +28,7 @@ from sitl.report.graph import graph_png
 from sitl.report.maps import below_cut, map_pictures
 from sitl.report.plan import mine_plan, plan_of, section
 from sitl.report.splat import Camera, render
-from sitl.report.style import DPI, round_length_m
+from sitl.report.style import DPI, STRIP_IN, WIDTH_IN, round_length_m
 from sitl.sim.flight_log import FlightLog
 from tests.shared.graphs import small_graph
 
@@ -88,6 +89,10 @@ def data(ticks: int = 400, vehicles: int = 1) -> ReportData:
             "mode_changes": 3,
             "draws": 2,
             "ended_because": "complete",
+            "estimated_completeness": 0.9731,
+            "done_at_s": 88.0,
+            "completeness_when_done": 0.9942,
+            "left_out": [{"x_m": 2.0, "y_m": 1.0, "z_m": 1.5, "extent_m": 1.2, "why": "too narrow"}],
             "versions": {"numpy": "2.0"},
         },
         vertices_m=vertices,
@@ -99,6 +104,7 @@ def data(ticks: int = 400, vehicles: int = 1) -> ReportData:
         missed_m=np.array([[1.0, 1.0, 0.0], [1.1, 1.0, 0.0], [4.0, 2.5, 3.0]], dtype=np.float32),
         margin_m=1.0,
         critical_margin_m=0.7,
+        left_out=(LeftOut(2.0, 1.0, 1.5, 1.2, Why.TOO_NARROW), LeftOut(6.0, 4.0, 1.5, 2.0, Why.TOO_LOW)),
         height_m=1.5,
         settings_yaml="control:\n  margin_m: 1.0\n",
     )
@@ -289,6 +295,28 @@ def test_the_report_says_through_how_narrow_a_place_it_flies() -> None:
     cards = {card.label: card for card in key_figures(replace(data(), summary={"passages": sizes}))}
     assert cards["Flies into"].value == "2.30 x 2.00 m"
     assert "1.90 x 1.00 m" in cards["Flies into"].note
+
+
+def test_the_report_shows_the_vehicles_own_word_beside_the_truth() -> None:
+    cards = {card.label: card for card in key_figures(data())}
+    assert cards["The vehicle's own word"].value == "97.3 %"
+    assert cards["The vehicle's own word"].note == "done after 88 s, with 99.4 % in truth"
+    assert cards["Seen and left out"].value == "1 too low, 1 too narrow"
+    early = {card.label: card for card in key_figures(replace(data(), summary={"estimated_completeness": 0.5}))}
+    assert early["The vehicle's own word"].note == "not done when it ended"
+
+
+def test_what_was_left_out_is_drawn_where_it_lies() -> None:
+    """Protects whoever goes there with a lamp: a cross in the colour of warnings at that place of the plan."""
+    reports = data(), replace(data(), left_out=())
+    crossed, plain = (imread(io.BytesIO(overview_png(report, plan_of(report)))) for report in reports)
+    width_px = crossed.shape[1]
+    different = np.any(crossed != plain, axis=2)[: -round(STRIP_IN / WIDTH_IN * width_px)]
+    rows_px, columns_px = (np.flatnonzero(different.any(axis=axis)) for axis in (1, 0))
+    # From the western edge of a circle 1.2 m wide about (2, 1) to the eastern one of another, 2 m wide, about (6, 4).
+    assert columns_px[0] / width_px == pytest.approx(1.4 / SIZE_M[0], abs=0.05)
+    assert (columns_px[-1] - columns_px[0]) / width_px == pytest.approx(5.6 / SIZE_M[0], abs=0.05)
+    assert (rows_px[-1] - rows_px[0]) / width_px == pytest.approx(4.6 / SIZE_M[0], abs=0.05)
 
 
 def test_coming_nearer_than_the_critical_margin_is_marked() -> None:

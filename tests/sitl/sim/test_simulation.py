@@ -20,6 +20,7 @@ from companion.model import Pose
 from sitl.mines import World, load_world
 from sitl.sim import simulation as module
 from sitl.sim.flight_log import COLUMNS
+from sitl.sim.judgement import Judgement
 from sitl.sim.simulation import CHECK_PERIOD_S, SCORED_PERIOD_S, Progress, Simulation
 
 LIMIT_S = 30.0
@@ -30,6 +31,7 @@ QUICK: dict[str, Any] = {
 """A coarse camera and a coarse map: a minute of flight takes less than a second."""
 
 SETTINGS = Settings(**QUICK)
+DONE = Settings(**QUICK, sim=SimSettings(ends="done"))
 PERIOD_S = SETTINGS.control.period_s
 RADIUS_M = SETTINGS.vehicle.body_radius_m
 RECKLESS = Settings(
@@ -370,3 +372,38 @@ def test_alone_the_map_is_not_copied(mission: Simulation) -> None:
     """Protects memory: the one map of the one vehicle is V."""
     assert mission.merged_map() is mission.flights[0].map
     assert mission.score()["least_distance_between_vehicles_m"] is None
+
+
+class TestOwnWord:
+    """What the vehicle itself would say, beside the truth."""
+
+    def test_its_word_ends_a_mission_only_where_it_is_asked_for(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Protects t_f: by default the truth ends it, and when the vehicle would have said so is noted beside."""
+        monkeypatch.setattr(Judgement, "look", lambda _, t_s: t_s > 9.0)
+        by_truth, by_word = flown(1, limit_s=12.0), flown(1, DONE, limit_s=12.0)
+        assert (by_truth.ended_because, by_word.ended_because) == ("time limit", "done")
+        assert by_word.t_s == pytest.approx(2.0 * CHECK_PERIOD_S, abs=PERIOD_S)
+        assert by_truth.completeness_when_done == by_word.completeness_when_done == by_word.completeness
+
+    @pytest.mark.long
+    def test_it_ends_when_the_vehicle_is_done(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """As in flight: no truth ends it. The truth is noted beside, and was reached on the way."""
+        monkeypatch.setattr(module, "COMPLETE_SHARE", 0.3)
+        done = flown(1, DONE, limit_s=600.0)
+        score = done.score()
+        assert done.ended_because == "done"
+        assert score["done_at_s"] == pytest.approx(done.t_s, abs=0.01)
+        assert done.completed_at_s is not None
+        assert done.completed_at_s < done.t_s
+        assert done.estimated_completeness == pytest.approx(1.0, abs=0.1)
+        assert score["completeness_when_done"] == pytest.approx(done.completeness, abs=0.01)
+        assert done.completeness > 0.9, "half of a room is not done"
+
+    def test_a_mission_that_was_cut_short_is_not_done(self, mission: Simulation) -> None:
+        """What it had still open it names, and it does not take its map for whole."""
+        score = mission.score()
+        assert score["done_at_s"] is None
+        assert score["completeness_when_done"] is None
+        assert 0.0 < float(str(score["estimated_completeness"])) < 1.0
+        assert "not reached" in {place.why.value for place in mission.left_out}
+        assert score["left_out"] == [place.as_json() for place in mission.left_out]
