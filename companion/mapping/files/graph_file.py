@@ -192,8 +192,8 @@ def _first_problem(error: ValidationError) -> str:
     where = ".".join(str(part) for part in first["loc"] if part not in ("vertex", "edge", "exit")) or "the file"
     also = f" ({len(more)} more)" if more else ""
     value = "" if first["type"] in ("missing", "json_invalid") else f" = {str(first['input'])[:60]}"
-    why = f"is no navigation graph of this program: {first['msg']}{also}"
-    return f"{where}{value}: {why}; companion replay --graph makes it again"
+    wrong = f"is no navigation graph of this program: {first['msg']}{also}"
+    return f"{where}{value}: {wrong}; companion replay --graph makes it again"
 
 
 def _refuse_unknown(where: str, feature: _VertexFeature | _EdgeFeature | _ExitFeature, vertices: int) -> None:
