@@ -61,8 +61,8 @@ def passages(settings: Settings) -> Passages:
     keeps_m = control.critical_margin_m + (ROOM_M if control.speed_law == "governor" else 0.0)
     least_width_m = 2.0 * (keeps_m + SWAYS_M)
     return Passages(
-        enters_width_m=max(2.0 * (control.margin_m + TURNS_IN_M), least_width_m),
-        least_width_m=least_width_m,
-        enters_height_m=control.height_m + settings.half_slab_m + CLEARS_M,
-        least_height_m=2.0 * (settings.half_slab_m + CLEARS_M),
+        enters_width_m=round(max(2.0 * (control.margin_m + TURNS_IN_M), least_width_m), 3),
+        least_width_m=round(least_width_m, 3),
+        enters_height_m=round(control.height_m + settings.half_slab_m + CLEARS_M, 3),
+        least_height_m=round(2.0 * (settings.half_slab_m + CLEARS_M), 3),
     )
