@@ -19,10 +19,9 @@ import typer
 from companion import pipeline
 from companion.control import laws
 from companion.control.governor import braking_speed_mps
-from companion.control.navigator import Status
+from companion.control.known_ground import Outlook
+from companion.control.navigator import Navigator, Status
 from companion.control.parameters import Parameters
-from companion.control.ramp import Ramp
-from companion.control.standing import Standing
 from companion.flight import __main__ as application
 from companion.flight.request import FlightRequest
 from companion.flight.warm_up import warm_up
@@ -35,29 +34,21 @@ LOADED = "flyer: loaded"
 GO_S = 300.0
 
 
-class Straight:
-    """In the place of `companion.control.navigator.Navigator`: ahead until the governor's braking room is used up.
+class Straight(Navigator):
+    """In the place of the navigator: ahead until the governor's braking room is used up.
 
     Law (12) and the part of the governor that brakes, as flown. The part that slows down for turns is left out: this
     one never turns, so that it is faster near the wall than any flight of the navigator.
 
     Args:
         parameters: the law's settings.
-        rng, seen_from_m: not used.
+        rng, outlook: as the navigator has them.
     """
 
-    def __init__(
-        self,
-        parameters: Parameters,
-        rng: np.random.Generator,  # noqa: ARG002 - as the navigator has it
-        seen_from_m: float,  # noqa: ARG002
-    ) -> None:
-        self.parameters = parameters
-        self.height_m = parameters.height_m
+    def __init__(self, parameters: Parameters, rng: np.random.Generator, outlook: Outlook) -> None:
+        super().__init__(parameters, rng, outlook)
         self._heading_rad: float | None = None
         self._mode = Mode.HOLD
-        self._ramp = Ramp(parameters.max_accel_mps2, parameters.period_s)
-        self._standing = Standing(self.parameters)
 
     @property
     def status(self) -> Status:
