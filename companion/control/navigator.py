@@ -313,13 +313,19 @@ class Navigator:
         way = self._choice.better_way(self._gamma, pose, t_s)
         if way is None:
             return False
+        if not self._is_drawn(way, pose, t_s):
+            return False
+        self._go(way, pose, t_s)
+        return True
+
+    def _is_drawn(self, way: Way, pose: Pose, t_s: float) -> bool:
+        """One draw for a way over known ground: taken with 1 - p_min, else none is looked for, for a while."""
         self._draws += 1
         if self._rng.random() < self.parameters.least_probability:
             self._choice.refuse(t_s)
             self.graph.decline(EdgeKind.KNOWN, way.straight.x_m, way.straight.y_m, self._gamma, pose)
             return False
         self._accepted += 1
-        self._go(way, pose, t_s)
         return True
 
     def _go(self, way: Way, pose: Pose, t_s: float) -> None:
@@ -329,14 +335,8 @@ class Navigator:
     def _go_on(self, scan: Scan, pose: Pose, t_s: float) -> None:
         """What a way led to has come into view: on to what is unseen then, ahead as the same way, else by a draw."""
         way = self._onward(pose)
-        if way is not None and abs(way.straight.bearing_rad(pose)) > AHEAD_RAD:
-            self._draws += 1
-            if self._rng.random() < self.parameters.least_probability:
-                self._choice.refuse(t_s)
-                self.graph.decline(EdgeKind.KNOWN, way.straight.x_m, way.straight.y_m, self._gamma, pose)
-                way = None
-            else:
-                self._accepted += 1
+        if way is not None and abs(way.straight.bearing_rad(pose)) > AHEAD_RAD and not self._is_drawn(way, pose, t_s):
+            way = None
         self._go_or_follow(way, scan, pose, t_s)
 
     def _arrive(self, target: Target, scan: Scan, pose: Pose, t_s: float) -> None:

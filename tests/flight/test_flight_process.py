@@ -25,6 +25,7 @@ from companion.flight.request import FlightRequest, sealed
 from companion.gate.protocol import GATE_FD, Goodbye
 from companion.interruption import ENDS
 from tests.flight.fake_gate import FakeGate
+from tests.shared.compiled_work import COMPILED_WORK
 
 SETTINGS = load_settings()
 FLIGHT = FlightRequest("run", SETTINGS, "flight")
@@ -145,38 +146,15 @@ def test_a_log_on_a_full_disk_does_not_end_a_flight() -> None:
         assert fake.heard() == [Goodbye(0)]
 
 
-COMPILED = """
-import os, signal, sys, threading
-from typing import NamedTuple
-import numpy as np
-from numba import njit
+COMPILED = f"""
+{COMPILED_WORK}
 from companion.flight import __main__ as application, mission
 
-class Made(NamedTuple):
-    a: np.ndarray
-
-@njit
-def work(x):
-    s = 0.0
-    for i in range(100_000):
-        s += np.sin(i * x[0])
-    return Made(np.full(3, s))
-
-x = np.ones(2)
-work(x)
-
 async def fly(request, gate, show):
-    ended = 0
-    for number in (signal.SIGINT, signal.SIGTERM) * 6:
-        threading.Timer(0.01 + 0.0007 * ended, os.kill, (os.getpid(), number)).start()
-        try:
-            while True:
-                work(x)
-        except KeyboardInterrupt:
-            ended += 1
+    ended = interrupted((signal.SIGINT, signal.SIGTERM) * 6)
     # A terminal that is closed is no death in the air: the gate asks for the end of the flight in its place.
     os.kill(os.getpid(), signal.SIGHUP)
-    return {"interrupted": ended == 12, "as_it_should": False}
+    return {{"interrupted": ended == 12, "as_it_should": False}}
 
 mission.fly = fly
 sys.exit(application.main())

@@ -7,35 +7,14 @@ import sys
 
 import pytest
 
-SCRIPT = """
-import os, signal, threading
-from typing import NamedTuple
-import numpy as np
-from numba import njit
+from tests.shared.compiled_work import COMPILED_WORK
+
+SCRIPT = f"""
+{COMPILED_WORK}
 from companion.interruption import ENDS, signals_are_ctrl_c
 
-class Made(NamedTuple):
-    a: np.ndarray
-
-@njit
-def work(x):
-    s = 0.0
-    for i in range(100_000):
-        s += np.sin(i * x[0])
-    return Made(np.full(3, s))
-
-x = np.ones(2)
-work(x)
 signals_are_ctrl_c()
-ended = 0
-for number in ENDS * 6:
-    threading.Timer(0.01 + 0.0007 * ended, os.kill, (os.getpid(), number)).start()
-    try:
-        while True:
-            work(x)
-    except KeyboardInterrupt:
-        ended += 1
-print("ended", ended)
+print("ended", interrupted(ENDS * 6))
 """
 
 
