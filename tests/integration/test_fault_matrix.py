@@ -6,12 +6,13 @@ from pathlib import Path
 
 import pytest
 
+from companion.config.load import load_settings
 from companion.mavlink.ids import MavCmd
 from tests.integration.seen import CommandSeen, SetpointSeen
 from validation.fault_matrix.__main__ import main
 from validation.fault_matrix.faults import BY_NAME, CELLS, FAULTS
 from validation.fault_matrix.injection import PERSONALITIES, Final
-from validation.fault_matrix.outcome import Outcome, brake_begins_s, stops
+from validation.fault_matrix.outcome import Outcome, brake_begins_s, stopped_at_the_wall, stops
 from validation.fault_matrix.report import BEGIN, END, ReportError, markdown, write_into_docs
 from validation.fault_matrix.run import fly
 
@@ -101,6 +102,25 @@ def test_only_hold_and_land_are_orders_that_stop(
         3.0,
         4.0,
     ]
+
+
+@pytest.mark.parametrize(
+    ("final", "gate", "d_m", "at_wall"),
+    [
+        (Final.BRAKED, ("gate: distance 0.79 m ahead", "gate: brake: distance"), 0.78, True),
+        (Final.BRAKED, ("gate: brake: distance", "gate: pass: all is well", "gate: brake: distance"), 0.78, True),
+        (Final.BRAKED, ("gate: brake: distance",), 1.4, False),
+        (Final.BRAKED, ("gate: brake: distance",), None, False),
+        (Final.BRAKED, ("gate: brake: distance", "gate: brake: pose"), 0.78, False),
+        (Final.BRAKED, (), 0.78, False),
+        (Final.LANDED, ("gate: brake: distance",), 0.78, False),
+    ],
+)
+def test_a_gate_that_stops_it_for_the_wall_obeyed_nobody_else(
+    final: Final, gate: tuple[str, ...], d_m: float | None, at_wall: bool
+) -> None:
+    """Protects flights that must go on: the wall ends them all, and only the wall may, at the place where it is."""
+    assert stopped_at_the_wall(final, gate, d_m, load_settings(None, "flight")) is at_wall
 
 
 def _outcome(name: str, brake_s: float | None, least_m: float, problem: str | None = None) -> Outcome:

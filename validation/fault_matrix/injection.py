@@ -26,7 +26,8 @@ class Final(enum.StrEnum):
     LANDED = "landed"
     """On the ground or on the way there."""
     FLEW_ON = "flew on"
-    """The application's own setpoints pass: it goes on, or has stopped before the wall by itself."""
+    """The application's own setpoints pass: it goes on, or has stopped before the wall; the wall is all that the gate
+    may have stopped it for."""
     FAILSAFE = "autopilot failsafe"
     """Nothing commands it any more, and the autopilot stopped it."""
     PILOT = "pilot"

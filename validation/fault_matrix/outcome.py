@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from companion.config.settings import Settings
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavCmd, MavComponent
 from companion.mavlink.modes import personality
@@ -24,6 +25,8 @@ ZERO_MPS = 0.02
 SETTLED_S = 0.3
 """A zero after which the vehicle is commanded to move again within this time was no stop."""
 NEWEST_S = 1.0
+BRAKES = "gate: brake: "
+"""Before the reason, in the gate's texts to the pilot."""
 _KINDS = {"px4": AutopilotKind.PX4, "ardupilot": AutopilotKind.ARDUPILOT}
 
 
@@ -98,6 +101,8 @@ def judged(
     final = final_state(flight.personality, flight.witness, setpoints, commands, after, end_s)
     began_s = brake_begins_s(setpoints, stops(flight.personality, commands))
     brake_s = None if began_s is None else began_s - fault_s - injection.limit_s
+    gate = tuple(text.text for text in seen.texts(fault_s) if _is_of_gate(text, end_s))
+    at_wall = stopped_at_the_wall(final, gate, after[-1].d_m if after else None, flight.settings)
     return Outcome(
         name=injection.name,
         group=injection.group,
@@ -109,8 +114,8 @@ def judged(
         least_m=min((look.d_m for look in after if look.d_m is not None), default=math.nan),
         contacts=touched,
         final=final,
-        gate=tuple(text.text for text in seen.texts(fault_s) if _is_of_gate(text, end_s)),
-        problem=_problem(injection, brake_s, touched, final, verified),
+        gate=gate,
+        problem=_problem(injection, brake_s, touched, Final.FLEW_ON if at_wall else final, verified),
         standing_s=standing_s(after, fault_s),
         mode=_mode(flight.witness, end_s),
         texts=tuple(flight.witness.texts[told:]),
@@ -134,6 +139,26 @@ def _problem(
     if injection.needs_stop and brake_s is None and final not in (Final.FAILSAFE, Final.PILOT):
         return "nothing on the wire stopped it"
     return verified
+
+
+def stopped_at_the_wall(final: Final, gate: Sequence[str], d_m: float | None, settings: Settings) -> bool:
+    """Whether the gate holds it for the wall and for nothing else: then it flew on, as far as the wall let it.
+
+    Who flies at a dead end is stopped there by itself or, where a busy computer made it late, by the gate.
+
+    Args:
+        final: how it stands.
+        gate: the gate's texts since the fault.
+        d_m: true distance to the nearest wall in the end: a gate that brakes for a wall far away believed a lie.
+        settings: of the flight.
+    """
+    reasons = {text.removeprefix(BRAKES) for text in gate if text.startswith(BRAKES)}
+    return (
+        final is Final.BRAKED
+        and reasons == {"distance"}
+        and d_m is not None
+        and d_m <= settings.control.critical_margin_m
+    )
 
 
 def brake_begins_s(setpoints: Sequence[SetpointSeen], others_s: Sequence[float]) -> float | None:
