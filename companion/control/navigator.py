@@ -11,11 +11,12 @@ import numpy as np
 from companion.control import boundary, climbing, edges, laws
 from companion.control.decisions import Choice, LapCounter, TangentLedger
 from companion.control.edges import Edge
-from companion.control.governor import ROOM_M, governed_speed_mps
+from companion.control.governor import governed_speed_mps
 from companion.control.graph import EdgeKind
 from companion.control.graph_building import NavigationGraph
 from companion.control.informed import Way
-from companion.control.known_ground import CELL_M, CELL_SHARE, UPRIGHT_57_DEG, KnownGround, Outlook, Place
+from companion.control.known_ground import CELL_M, CELL_SHARE, UPRIGHT_57_DEG, KnownGround, Outlook
+from companion.control.known_way import KnownWay, is_ahead
 from companion.control.left_out import LeftOut
 from companion.control.panorama import Panorama
 from companion.control.parameters import Parameters
@@ -39,13 +40,6 @@ LEAD_S, LEAD_SHARE = 1.0, 0.4
 """The smooth law also looks at the wall from where the vehicle will be in so long, at most this share of d_s ahead. It
 turns away from what it comes to before that is the nearest, on an arc; it never turns towards a wall before it is
 there. More would take the far wall of a narrow crossing for one that it comes to."""
-
-AHEAD_RAD = math.radians(60.0)
-"""Within this bearing a way goes on as the same one, when what it led to has come into view."""
-
-FACED_RAD, CONFIRMED_M, UNCONFIRMED_S = math.radians(10.0), 4.0, 0.5
-"""A way over known ground is confirmed by the scan as soon as the vehicle faces it, as far as depth is precise. An
-image with a hole in it does not end it."""
 
 REST_S = 60.0
 """After an extension a lap decides nothing for so long: a pillar is gone round in less."""
@@ -85,7 +79,6 @@ class Navigator:
         self._gamma = self._either_side()
         self._circle_direction = self._either_side()
         self._target: Target | None = None
-        self._goal = Place(math.inf, math.inf, 0.0)
         half_turn_s = math.pi / parameters.max_yaw_rate_radps
         self._progress = Progress(parameters.target_timeout_factor * half_turn_s)
         self._ledger = TangentLedger(parameters.margin_m, FORGET_TANGENT_S)
@@ -94,13 +87,13 @@ class Navigator:
         self.graph = NavigationGraph()
         """G, as far as it has been met: nothing steers by it."""
         self._choice = Choice(parameters, self.known_ground)
+        self._way = KnownWay(parameters, self._choice)
         self._laps = LapCounter()
         self._ramp = Ramp(parameters.max_accel_mps2, parameters.period_s)
         self._standing = Standing(parameters)
         self._trail = Trail()
         self._panorama = Panorama()
         self._is_stuck = False
-        self._confirmed_s = -math.inf
         self._pause_until_s = -math.inf
         self._turned_rad = 0.0
         self._last_yaw_rad: float | None = None
@@ -237,8 +230,8 @@ class Navigator:
         assert target is not None  # noqa: S101 - R2 is entered only with a target
         if target.is_reached(pose, self.parameters.target_radius_m):
             self._arrive(target, scan, pose, t_s)
-        elif target.kind is TargetKind.KNOWN and self._is_blocked(measurement, scan, target, pose, t_s):
-            self._choice.block_way(target, pose, t_s)
+        elif target.kind is TargetKind.KNOWN and self._way.is_blocked(measurement, scan, target, pose, t_s):
+            self._way.block(target, pose, t_s)
             self._enter(Mode.BOUNDARY, pose, t_s)
         elif self._progress.has_ended(target, pose, t_s):
             self._enter(Mode.CIRCLE, pose, t_s)
@@ -247,7 +240,7 @@ class Navigator:
             return
         elif target.kind is TargetKind.KNOWN:
             # Its corridor is looked at all the way: walls beside it are no boundary that comes first.
-            if self._choice.has_been_seen(self._goal, pose, t_s):
+            if self._way.has_led_into_view(pose, t_s):
                 self._go_on(scan, pose, t_s)
         elif measurement.d_bearing_rad is not None and self._boundary_comes_first(measurement):
             if target.kind is not TargetKind.WALL:
@@ -329,32 +322,22 @@ class Navigator:
         return True
 
     def _go(self, way: Way, pose: Pose, t_s: float) -> None:
-        self._goal = way.goal
+        self._way.begin(way, t_s)
         self._pursue_point(way.straight.x_m, way.straight.y_m, TargetKind.KNOWN, pose, t_s)
 
     def _go_on(self, scan: Scan, pose: Pose, t_s: float) -> None:
         """What a way led to has come into view: on to what is unseen then, ahead as the same way, else by a draw."""
-        way = self._onward(pose)
-        if way is not None and abs(way.straight.bearing_rad(pose)) > AHEAD_RAD and not self._is_drawn(way, pose, t_s):
+        way = self._way.onward(pose)
+        if way is not None and not is_ahead(way, pose) and not self._is_drawn(way, pose, t_s):
             way = None
         self._go_or_follow(way, scan, pose, t_s)
 
     def _arrive(self, target: Target, scan: Scan, pose: Pose, t_s: float) -> None:
         """At T_m the boundary is followed; at the end of a straight over known ground the next one is flown."""
         if target.kind is TargetKind.KNOWN:
-            self._go_or_follow(self._onward(pose), scan, pose, t_s)
+            self._go_or_follow(self._way.onward(pose), scan, pose, t_s)
         else:
             self._follow(scan, pose, t_s)
-
-    def _onward(self, pose: Pose) -> Way | None:
-        """A straight of the way on that is worth flying; None where there is none."""
-        way = self._choice.onward(pose)
-        if (
-            way is None
-            or math.hypot(way.straight.x_m - pose.x_m, way.straight.y_m - pose.y_m) <= self.parameters.margin_m
-        ):
-            return None
-        return way
 
     def _go_or_follow(self, way: Way | None, scan: Scan, pose: Pose, t_s: float) -> None:
         if way is not None:
@@ -368,21 +351,6 @@ class Navigator:
         if boundary.is_on_the_other_side(scan, self._gamma, self.parameters):
             self._gamma = -self._gamma
         self._enter(Mode.BOUNDARY, pose, t_s)
-
-    def _is_blocked(self, measurement: Measurement, scan: Scan, target: Target, pose: Pose, t_s: float) -> bool:
-        """Whether for a while the camera has not confirmed what the known ground says; not while it turns there.
-
-        Nor is a way one on which something is nearer than d_c: there R3 turns away.
-        """
-        bearing_rad = target.bearing_rad(pose)
-        to_go_m = min(math.hypot(target.x_m - pose.x_m, target.y_m - pose.y_m), CONFIRMED_M)
-        half_width_m = self.parameters.critical_margin_m + ROOM_M
-        has_room = measurement.d_m is None or measurement.d_m >= self.parameters.critical_margin_m
-        if has_room and (
-            abs(bearing_rad) > FACED_RAD or edges.corridor_is_free(scan, bearing_rad, to_go_m, half_width_m)
-        ):
-            self._confirmed_s = t_s
-        return t_s - self._confirmed_s > UNCONFIRMED_S
 
     def _corridor_is_free(self, scan: Scan, edge: Edge) -> bool:
         half_width_m = edges.CORRIDOR_SHARE * self.parameters.margin_m
@@ -433,7 +401,6 @@ class Navigator:
     def _pursue_point(self, x_m: float, y_m: float, kind: TargetKind, pose: Pose, t_s: float) -> None:
         self._target = Target(x_m, y_m, pose.x_m, pose.y_m, kind)
         self._progress.begin(self._target, t_s)
-        self._confirmed_s = t_s
         self._enter(Mode.TANGENT, pose, t_s)
 
     def _enter(self, mode: Mode, pose: Pose, t_s: float) -> None:

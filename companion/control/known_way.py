@@ -1,0 +1,79 @@
+"""R2 over known ground: a way flown straight by straight, each of which the scan confirms. Pure."""
+
+from __future__ import annotations
+
+import math
+
+from companion.control import edges
+from companion.control.decisions import Choice
+from companion.control.governor import ROOM_M
+from companion.control.informed import Way
+from companion.control.known_ground import Place
+from companion.control.parameters import Parameters
+from companion.control.target import Target
+from companion.model import Measurement, Pose, Scan
+
+AHEAD_RAD = math.radians(60.0)
+"""Within this bearing a way goes on as the same one, when what it led to has come into view."""
+
+FACED_RAD, CONFIRMED_M, UNCONFIRMED_S = math.radians(10.0), 4.0, 0.5
+"""A way over known ground is confirmed by the scan as soon as the vehicle faces it, as far as depth is precise. An
+image with a hole in it does not end it."""
+
+
+class KnownWay:
+    """The way over known ground that is flown just now.
+
+    Args:
+        parameters: the law's settings.
+        choice: where it leads, and on.
+    """
+
+    def __init__(self, parameters: Parameters, choice: Choice) -> None:
+        self._parameters = parameters
+        self._choice = choice
+        self._goal = Place(math.inf, math.inf, 0.0)
+        self._confirmed_s = -math.inf
+
+    def begin(self, way: Way, t_s: float) -> None:
+        """Its next straight is flown from now on."""
+        self._goal = way.goal
+        self._confirmed_s = t_s
+
+    def onward(self, pose: Pose) -> Way | None:
+        """A straight of the way on that is worth flying; None where there is none."""
+        way = self._choice.onward(pose)
+        if (
+            way is None
+            or math.hypot(way.straight.x_m - pose.x_m, way.straight.y_m - pose.y_m) <= self._parameters.margin_m
+        ):
+            return None
+        return way
+
+    def has_led_into_view(self, pose: Pose, t_s: float) -> bool:
+        """Whether what it leads to has come into view before its end."""
+        return self._choice.has_been_seen(self._goal, pose, t_s)
+
+    def is_blocked(self, measurement: Measurement, scan: Scan, target: Target, pose: Pose, t_s: float) -> bool:
+        """Whether for a while the camera has not confirmed what the known ground says; not while it turns there.
+
+        Nor is a way one on which something is nearer than d_c: there R3 turns away.
+        """
+        bearing_rad = target.bearing_rad(pose)
+        to_go_m = min(math.hypot(target.x_m - pose.x_m, target.y_m - pose.y_m), CONFIRMED_M)
+        half_width_m = self._parameters.critical_margin_m + ROOM_M
+        has_room = measurement.d_m is None or measurement.d_m >= self._parameters.critical_margin_m
+        if has_room and (
+            abs(bearing_rad) > FACED_RAD or edges.corridor_is_free(scan, bearing_rad, to_go_m, half_width_m)
+        ):
+            self._confirmed_s = t_s
+        return t_s - self._confirmed_s > UNCONFIRMED_S
+
+    def block(self, target: Target, pose: Pose, t_s: float) -> None:
+        """Its straight cannot be flown: other ways are sought, after a while."""
+        self._choice.block_way(target, pose, t_s)
+
+
+def is_ahead(way: Way, pose: Pose) -> bool:
+    """Whether it goes on without a turn that is a new decision."""
+    return abs(way.straight.bearing_rad(pose)) <= AHEAD_RAD
