@@ -69,10 +69,6 @@ class KnownWay:
             self._confirmed_s = t_s
         return t_s - self._confirmed_s > UNCONFIRMED_S
 
-    def block(self, target: Target, pose: Pose, t_s: float) -> None:
-        """Its straight cannot be flown: other ways are sought, after a while."""
-        self._choice.block_way(target, pose, t_s)
-
 
 def is_ahead(way: Way, pose: Pose) -> bool:
     """Whether it goes on without a turn that is a new decision."""

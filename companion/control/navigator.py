@@ -231,7 +231,7 @@ class Navigator:
         if target.is_reached(pose, self.parameters.target_radius_m):
             self._arrive(target, scan, pose, t_s)
         elif target.kind is TargetKind.KNOWN and self._way.is_blocked(measurement, scan, target, pose, t_s):
-            self._way.block(target, pose, t_s)
+            self._choice.block_way(target, pose, t_s)
             self._enter(Mode.BOUNDARY, pose, t_s)
         elif self._progress.has_ended(target, pose, t_s):
             self._enter(Mode.CIRCLE, pose, t_s)

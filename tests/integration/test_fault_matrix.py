@@ -12,7 +12,7 @@ from tests.integration.seen import CommandSeen, SetpointSeen
 from validation.fault_matrix.__main__ import main
 from validation.fault_matrix.faults import BY_NAME, CELLS, FAULTS
 from validation.fault_matrix.injection import PERSONALITIES, Final
-from validation.fault_matrix.outcome import Outcome, brake_begins_s, stopped_at_the_wall, stops
+from validation.fault_matrix.outcome import Outcome, brake_begins_s, ended_right, stopped_at_the_wall, stops
 from validation.fault_matrix.report import BEGIN, END, ReportError, markdown, write_into_docs
 from validation.fault_matrix.run import fly
 
@@ -121,6 +121,22 @@ def test_a_gate_that_stops_it_for_the_wall_obeyed_nobody_else(
 ) -> None:
     """Protects flights that must go on: the wall ends them all, and only the wall may, at the place where it is."""
     assert stopped_at_the_wall(final, gate, d_m, load_settings(None, "flight")) is at_wall
+
+
+@pytest.mark.parametrize(
+    ("name", "final", "at_wall", "right"),
+    [
+        ("forged telemetry", Final.FLEW_ON, False, True),
+        ("forged telemetry", Final.BRAKED, True, True),
+        ("forged telemetry", Final.BRAKED, False, False),
+        ("application ignores the wall", Final.BRAKED, True, True),
+        ("application ignores the wall", Final.FLEW_ON, False, False),
+        ("autopilot hears nothing", Final.BRAKED, True, False),
+    ],
+)
+def test_the_wall_excuses_only_flights_that_go_on(name: str, final: Final, at_wall: bool, right: bool) -> None:
+    """Protects faults that the gate must stop: where it stops them at the wall it has done just that."""
+    assert ended_right(BY_NAME[name], final, at_wall=at_wall) is right
 
 
 def _outcome(name: str, brake_s: float | None, least_m: float, problem: str | None = None) -> Outcome:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from companion.config.settings import Settings
+from companion.gate.faults import Fault
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavCmd, MavComponent
 from companion.mavlink.modes import personality
@@ -103,6 +104,7 @@ def judged(
     brake_s = None if began_s is None else began_s - fault_s - injection.limit_s
     gate = tuple(text.text for text in seen.texts(fault_s) if _is_of_gate(text, end_s))
     at_wall = stopped_at_the_wall(final, gate, after[-1].d_m if after else None, flight.settings)
+    is_right = ended_right(injection, final, at_wall=at_wall)
     return Outcome(
         name=injection.name,
         group=injection.group,
@@ -115,7 +117,7 @@ def judged(
         contacts=touched,
         final=final,
         gate=gate,
-        problem=_problem(injection, brake_s, touched, Final.FLEW_ON if at_wall else final, verified),
+        problem=_problem(injection, brake_s, touched, final, verified, is_right=is_right),
         standing_s=standing_s(after, fault_s),
         mode=_mode(flight.witness, end_s),
         texts=tuple(flight.witness.texts[told:]),
@@ -128,17 +130,22 @@ def _mode(witness: Witness, end_s: float) -> str:
 
 
 def _problem(
-    injection: Injection, brake_s: float | None, touched: int, final: Final, verified: str | None
+    injection: Injection, brake_s: float | None, touched: int, final: Final, verified: str | None, *, is_right: bool
 ) -> str | None:
     if touched:
         return f"{touched} contacts"
-    if final not in injection.expects:
+    if not is_right:
         return f"{final}, not {' or '.join(sorted(injection.expects))}"
     if injection.needs_stop and brake_s is not None and brake_s > MOST_S:
         return f"braked {brake_s:.2f} s too late"
     if injection.needs_stop and brake_s is None and final not in (Final.FAILSAFE, Final.PILOT):
         return "nothing on the wire stopped it"
     return verified
+
+
+def ended_right(injection: Injection, final: Final, *, at_wall: bool) -> bool:
+    """Whether a fault may end so; a flight that goes on after it may be `stopped_at_the_wall`."""
+    return final in injection.expects or (at_wall and Final.FLEW_ON in injection.expects)
 
 
 def stopped_at_the_wall(final: Final, gate: Sequence[str], d_m: float | None, settings: Settings) -> bool:
@@ -155,7 +162,7 @@ def stopped_at_the_wall(final: Final, gate: Sequence[str], d_m: float | None, se
     reasons = {text.removeprefix(BRAKES) for text in gate if text.startswith(BRAKES)}
     return (
         final is Final.BRAKED
-        and reasons == {"distance"}
+        and reasons == {Fault.DISTANCE}
         and d_m is not None
         and d_m <= settings.control.critical_margin_m
     )
