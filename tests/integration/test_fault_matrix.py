@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
@@ -105,22 +106,22 @@ def test_only_hold_and_land_are_orders_that_stop(
 
 
 @pytest.mark.parametrize(
-    ("final", "gate", "d_m", "at_wall"),
+    ("final", "gate", "least_m", "at_wall"),
     [
         (Final.BRAKED, ("gate: distance 0.79 m ahead", "gate: brake: distance"), 0.78, True),
         (Final.BRAKED, ("gate: brake: distance", "gate: pass: all is well", "gate: brake: distance"), 0.78, True),
         (Final.BRAKED, ("gate: brake: distance",), 1.4, False),
-        (Final.BRAKED, ("gate: brake: distance",), None, False),
+        (Final.BRAKED, ("gate: brake: distance",), math.nan, False),
         (Final.BRAKED, ("gate: brake: distance", "gate: brake: pose"), 0.78, False),
         (Final.BRAKED, (), 0.78, False),
         (Final.LANDED, ("gate: brake: distance",), 0.78, False),
     ],
 )
 def test_a_gate_that_stops_it_for_the_wall_obeyed_nobody_else(
-    final: Final, gate: tuple[str, ...], d_m: float | None, at_wall: bool
+    final: Final, gate: tuple[str, ...], least_m: float, at_wall: bool
 ) -> None:
     """Protects flights that must go on: the wall ends them all, and only the wall may, at the place where it is."""
-    assert stopped_at_the_wall(final, gate, d_m, load_settings(None, "flight")) is at_wall
+    assert stopped_at_the_wall(final, gate, least_m, load_settings(None, "flight")) is at_wall
 
 
 @pytest.mark.parametrize(

@@ -103,7 +103,8 @@ def judged(
     began_s = brake_begins_s(setpoints, stops(flight.personality, commands))
     brake_s = None if began_s is None else began_s - fault_s - injection.limit_s
     gate = tuple(text.text for text in seen.texts(fault_s) if _is_of_gate(text, end_s))
-    at_wall = stopped_at_the_wall(final, gate, after[-1].d_m if after else None, flight.settings)
+    least_m = min((look.d_m for look in after if look.d_m is not None), default=math.nan)
+    at_wall = stopped_at_the_wall(final, gate, least_m, flight.settings)
     is_right = ended_right(injection, final, at_wall=at_wall)
     return Outcome(
         name=injection.name,
@@ -113,7 +114,7 @@ def judged(
         wall_m=before[-1].d_m or math.nan,
         brake_s=brake_s,
         travelled_m=max((look.x_m for look in after), default=math.nan) - before[-1].x_m,
-        least_m=min((look.d_m for look in after if look.d_m is not None), default=math.nan),
+        least_m=least_m,
         contacts=touched,
         final=final,
         gate=gate,
@@ -148,7 +149,7 @@ def ended_right(injection: Injection, final: Final, *, at_wall: bool) -> bool:
     return final in injection.expects or (at_wall and Final.FLEW_ON in injection.expects)
 
 
-def stopped_at_the_wall(final: Final, gate: Sequence[str], d_m: float | None, settings: Settings) -> bool:
+def stopped_at_the_wall(final: Final, gate: Sequence[str], least_m: float, settings: Settings) -> bool:
     """Whether the gate holds it for the wall and for nothing else: then it flew on, as far as the wall let it.
 
     Who flies at a dead end is stopped there by itself or, where a busy computer made it late, by the gate.
@@ -156,16 +157,13 @@ def stopped_at_the_wall(final: Final, gate: Sequence[str], d_m: float | None, se
     Args:
         final: how it stands.
         gate: the gate's texts since the fault.
-        d_m: true distance to the nearest wall in the end: a gate that brakes for a wall far away believed a lie.
+        least_m: least true distance to any wall since the fault, not that in the end: stopped, it drifts and makes
+            room. A gate that brakes for a wall far away believed a lie.
         settings: of the flight.
     """
     reasons = {text.removeprefix(BRAKES) for text in gate if text.startswith(BRAKES)}
-    return (
-        final is Final.BRAKED
-        and reasons == {Fault.DISTANCE}
-        and d_m is not None
-        and d_m <= settings.control.critical_margin_m
-    )
+    near = least_m <= settings.control.critical_margin_m
+    return final is Final.BRAKED and reasons == {Fault.DISTANCE} and near
 
 
 def brake_begins_s(setpoints: Sequence[SetpointSeen], others_s: Sequence[float]) -> float | None:
