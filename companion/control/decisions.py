@@ -6,12 +6,13 @@ With the paper's probability p, or with a preference for ground that has not bee
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from companion.control import remaining
 from companion.control.edges import Edge
-from companion.control.informed import WallFollowing, Way, find_ways
+from companion.control.informed import WallFollowing, Way, Ways, find_ways
 from companion.control.known_ground import KnownGround, Place
 from companion.control.left_out import LeftOut
 from companion.control.parameters import Parameters
@@ -120,13 +121,18 @@ class LapCounter:
         return True
 
 
-class Choice:
-    """The probabilities of rule R3 -> R2; the draws are the navigator's.
+class Decisions(ABC):
+    """The probabilities of rule R3 -> R2, by how far it is to what is looked for; the draws are the navigator's.
 
     Args:
         parameters: the law's settings.
-        ground: what has been seen of the plan; stays empty when the choice is a coin.
+        ground: what has been seen of the plan.
     """
+
+    refusal: float
+    """Probability with which a way over known ground is not taken."""
+    least_straight_m: float
+    """At the end of a straight the next one is flown when it is longer than this."""
 
     def __init__(self, parameters: Parameters, ground: KnownGround) -> None:
         self._parameters = parameters
@@ -135,68 +141,44 @@ class Choice:
         self._h_m: float | None = None
         self._next_look_s = -math.inf
         self._next_plan_s = -math.inf
-        self._next_revival_s = -math.inf
 
     def see(self, measurement: Measurement, pose: Pose) -> None:
         """Note what has been seen, twice a second: that is every quarter of a metre at 0.5 m/s."""
         self._h_m = measurement.h_m
-        if self._parameters.choice != "coin" and measurement.t_s >= self._next_look_s:
+        if measurement.t_s >= self._next_look_s:
             self._next_look_s = measurement.t_s + LOOK_PERIOD_S
             self._ground.see(measurement, pose)
 
+    def place(self, pose: Pose) -> Place:
+        """The ground below the vehicle."""
+        return Place.under(pose, self._h_m)
+
+    @abstractmethod
     def better_way(self, gamma: int, pose: Pose, t_s: float) -> Way | None:
-        """A way over known ground to the unseen that is shorter than following on; None where there is none.
+        """A way over known ground that is shorter than following on; None where there is none.
 
         Args:
             gamma: Γ of the boundary that is followed.
             pose: of now.
-            t_s: now; asked more often than `PLAN_PERIOD_S` it is None, and for a while after `refuse`.
+            t_s: now.
         """
-        if self._parameters.choice != "informed" or t_s < self._next_plan_s:
-            return None
-        self._next_plan_s = t_s + PLAN_PERIOD_S
-        here = self._place(pose)
-        ways = find_ways(self._ground, here)
-        way = None if ways is None else ways.way(here, pose.yaw_rad, self._turn_m_per_rad)
-        if ways is None or way is None:
-            # Nothing else is left: what was given up may be tried from elsewhere.
-            if t_s >= self._next_revival_s:
-                self._next_revival_s = t_s + REVIVED_S
-                self._ground.take_up_again()
-            self.refuse(t_s)
-            return None
-        onward_m = ways.along_m(WallFollowing(here, pose.yaw_rad, gamma))
-        if onward_m <= way.length_m + SAME_WAY_M:
-            return None
-        return way
 
-    def has_been_seen(self, goal: Place, pose: Pose, t_s: float) -> bool:
-        """Whether what a way leads to has come into view before its end; looked at every `PLAN_PERIOD_S`."""
-        if t_s < self._next_plan_s:
-            return False
-        self._next_plan_s = t_s + PLAN_PERIOD_S
-        ways = find_ways(self._ground, self._place(pose))
-        return ways is not None and not ways.is_goal(goal)
-
+    @abstractmethod
     def onward(self, pose: Pose) -> Way | None:
-        """The rest of a way over known ground, from where one of its straights has ended; None where it has ended.
+        """The rest of a way over known ground, from where one of its straights has ended; None where it has ended."""
 
-        There what is still unseen is given up.
-        """
-        here = self._place(pose)
-        ways = find_ways(self._ground, here)
-        way = None if ways is None else ways.way(here, pose.yaw_rad, self._turn_m_per_rad)
-        if way is None:
-            return None
-        if math.hypot(way.goal.x_m - pose.x_m, way.goal.y_m - pose.y_m) > THERE_M:
-            return way
-        self._ground.give_up(way.goal, GIVEN_UP_M)
-        return None
+    @abstractmethod
+    def has_been_seen(self, goal: Place, pose: Pose, t_s: float) -> bool:
+        """Whether what a way leads to has come into view before its end, and need not be flown to."""
+
+    @abstractmethod
+    def _ways(self, place: Place) -> Ways | None:
+        """Ways over known ground to what is looked for; None where nothing is known of them."""
 
     def side(self, pose: Pose) -> int:
-        """Γ of the boundary that leads to the unseen sooner; 0 when neither does."""
-        here = self._place(pose)
-        ways = find_ways(self._ground, here)
+        """Γ of the boundary that leads there sooner; 0 when neither does."""
+        here = self.place(pose)
+        ways = self._ways(here)
         if ways is None:
             return 0
         right_m, left_m = (ways.along_m(WallFollowing(here, pose.yaw_rad, gamma)) for gamma in (-1, 1))
@@ -212,23 +194,15 @@ class Choice:
         to_go_m = math.hypot(target.x_m - pose.x_m, target.y_m - pose.y_m)
         at = min(1.0, BLOCKED_M / to_go_m) if to_go_m > 0.0 else 1.0
         x_m, y_m = pose.x_m + at * (target.x_m - pose.x_m), pose.y_m + at * (target.y_m - pose.y_m)
-        self._ground.block(replace(self._place(pose), x_m=x_m, y_m=y_m))
-
-    def is_way_left(self, pose: Pose) -> bool | None:
-        """Whether the ground has a way to something unseen, see `remaining.is_way_left`."""
-        return remaining.is_way_left(self._ground, self._place(pose))
-
-    def left_out(self, pose: Pose) -> Iterator[LeftOut]:
-        """What was seen and not looked into, see `remaining.left_out`."""
-        return remaining.left_out(self._ground, self._place(pose))
+        self._ground.block(replace(self.place(pose), x_m=x_m, y_m=y_m))
 
     def after_lap(self) -> float:
-        """A lap without a tangent taken has nothing new ahead: p, or with frontier the most that p_min leaves."""
+        """A lap without a tangent taken has nothing new ahead: p, or with ways the most that p_min leaves."""
         parameters = self._parameters
         return parameters.tangent_probability if parameters.choice == "coin" else 1.0 - parameters.least_probability
 
     def at_tangent(self, edge: Edge, gamma: int, pose: Pose) -> float:
-        """Probability of leaving along this tangent: p, or with frontier a preference for what is unseen.
+        """Probability of leaving along this tangent: p where nothing is known, else a preference for the shorter way.
 
         Args:
             edge: the tangent.
@@ -236,8 +210,6 @@ class Choice:
             pose: where the vehicle sees the tangent from.
         """
         p = self._parameters.tangent_probability
-        if self._parameters.choice == "coin":
-            return p
         by_tangent_m, by_boundary_m = self._ways_m(edge, gamma, pose)
         if abs(by_tangent_m - by_boundary_m) < SAME_WAY_M or by_tangent_m == by_boundary_m:
             return p
@@ -245,9 +217,9 @@ class Choice:
         return 1.0 - least if by_tangent_m < by_boundary_m else least
 
     def _ways_m(self, edge: Edge, gamma: int, pose: Pose) -> tuple[float, float]:
-        """How far the unseen is along a tangent, and along the boundary."""
-        here = self._place(pose)
-        ways = find_ways(self._ground, here)
+        """How far it is along a tangent, and along the boundary."""
+        here = self.place(pose)
+        ways = self._ways(here)
         if ways is None:
             return math.inf, math.inf
         x_m, y_m = world_point(pose, edge.target_bearing_rad, edge.target_range_m)
@@ -255,5 +227,67 @@ class Choice:
         boundary = WallFollowing(here, pose.yaw_rad, gamma)
         return edge.target_range_m + ways.along_m(tangent), ways.along_m(boundary)
 
-    def _place(self, pose: Pose) -> Place:
-        return Place.under(pose, self._h_m)
+
+class Choice(Decisions):
+    """The decisions of the exploring: what is looked for is what has not been seen.
+
+    With ``choice: coin`` the known ground decides nothing.
+    """
+
+    def __init__(self, parameters: Parameters, ground: KnownGround) -> None:
+        super().__init__(parameters, ground)
+        self.refusal, self.least_straight_m = parameters.least_probability, parameters.margin_m
+        self._next_revival_s = -math.inf
+
+    def better_way(self, gamma: int, pose: Pose, t_s: float) -> Way | None:
+        """As `Decisions.better_way`; asked more often than `PLAN_PERIOD_S` none, and for a while after `refuse`."""
+        if self._parameters.choice != "informed" or t_s < self._next_plan_s:
+            return None
+        self._next_plan_s = t_s + PLAN_PERIOD_S
+        here = self.place(pose)
+        ways = self._ways(here)
+        way = None if ways is None else ways.way(here, pose.yaw_rad, self._turn_m_per_rad)
+        if ways is None or way is None:
+            # Nothing else is left: what was given up may be tried from elsewhere.
+            if t_s >= self._next_revival_s:
+                self._next_revival_s = t_s + REVIVED_S
+                self._ground.take_up_again()
+            self.refuse(t_s)
+            return None
+        onward_m = ways.along_m(WallFollowing(here, pose.yaw_rad, gamma))
+        if onward_m <= way.length_m + SAME_WAY_M:
+            return None
+        return way
+
+    def has_been_seen(self, goal: Place, pose: Pose, t_s: float) -> bool:
+        """As `Decisions.has_been_seen`; looked at every `PLAN_PERIOD_S`."""
+        if t_s < self._next_plan_s:
+            return False
+        self._next_plan_s = t_s + PLAN_PERIOD_S
+        ways = self._ways(self.place(pose))
+        return ways is not None and not ways.is_goal(goal)
+
+    def onward(self, pose: Pose) -> Way | None:
+        """As `Decisions.onward`; where it has ended, what is still unseen is given up."""
+        here = self.place(pose)
+        ways = self._ways(here)
+        way = None if ways is None else ways.way(here, pose.yaw_rad, self._turn_m_per_rad)
+        if way is None:
+            return None
+        if math.hypot(way.goal.x_m - pose.x_m, way.goal.y_m - pose.y_m) > THERE_M:
+            return way
+        self._ground.give_up(way.goal, GIVEN_UP_M)
+        return None
+
+    def is_way_left(self, pose: Pose) -> bool | None:
+        """Whether the ground has a way to something unseen, see `remaining.is_way_left`."""
+        if self._parameters.choice == "coin":
+            return None
+        return remaining.is_way_left(self._ground, self.place(pose))
+
+    def left_out(self, pose: Pose) -> Iterator[LeftOut]:
+        """What was seen and not looked into, see `remaining.left_out`."""
+        return remaining.left_out(self._ground, self.place(pose))
+
+    def _ways(self, place: Place) -> Ways | None:
+        return None if self._parameters.choice == "coin" else find_ways(self._ground, place)

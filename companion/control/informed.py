@@ -26,6 +26,9 @@ LEAST_CLUSTER = 3
 TRACE_CELLS = 20
 """So far a boundary is followed in thought; from there on the way over known ground counts."""
 
+MOST_STRAIGHTS = 1000
+"""No way over known ground has more."""
+
 Steps = NDArray[np.int32]
 
 
@@ -87,6 +90,19 @@ class Ways:
         turn_rad = abs(math.remainder(bearing_rad, 2.0 * math.pi))
         return Way(int(self.steps[tuple(path[0])]) * window.cell_m + turn_m_per_rad * turn_rad, straight, goal)
 
+    def length_m(self, place: Place) -> float | None:
+        """Of the way from a place, as it is flown, straight by straight; None when no way is known."""
+        length_m = 0.0
+        for _ in range(MOST_STRAIGHTS):
+            way = self.way(place, 0.0, 0.0)
+            if way is None:
+                return None
+            length_m += math.hypot(way.straight.x_m - place.x_m, way.straight.y_m - place.y_m)
+            if way.straight == way.goal or way.straight == place:
+                break
+            place = way.straight
+        return length_m
+
     def is_goal(self, place: Place) -> bool:
         """Whether the unseen still begins there; also where that is not known, beyond what was searched."""
         row, column = self.window.cell(place)
@@ -121,6 +137,7 @@ def ways_within(window: Window, place: Place, goals: NDArray[np.bool_] | None = 
         goals: (levels, rows, columns) where the unseen is to begin; None: at every frontier.
     """
     room = _room(window.grid)
+    _widen(room, window.flown)
     for row, column, ground_dm in window.blocked.tolist():
         _close(window.grid, room, row, column, ground_dm)
     if goals is not None:
@@ -158,6 +175,14 @@ def _room(grid: GroundGrid) -> NDArray[np.uint8]:
                         if beside >= 0:
                             room[beside, a, b] = min(room[beside, a, b], max(abs(a - r), abs(b - c), 1) - 1)
     return room
+
+
+@compiled
+def _widen(room: NDArray[np.uint8], flown: NDArray[np.int64]) -> None:
+    """Where it was flown there is room for the body, if not for more."""
+    for k in range(flown.shape[0]):
+        level, row, column = flown[k]
+        room[level, row, column] = max(room[level, row, column], 1)
 
 
 @compiled

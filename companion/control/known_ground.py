@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -46,6 +46,9 @@ BORDER_CELLS = 3
 
 MOST_BLOCKED = 256
 """Places through which no way leads, the newest."""
+
+FLOWN_M, MOST_FLOWN = 0.2, 65536
+"""The way flown is kept in steps of this, less than a cell, for 13 km."""
 
 HIGHEST_M = 3000.0
 """Above and below the origin of the flight: heights are kept as 16 bits of decimetres."""
@@ -118,6 +121,10 @@ class Place:
         return round(10.0 * min(max(self.ground_m, -HIGHEST_M), HIGHEST_M))
 
 
+NOWHERE: NDArray[np.int64] = np.empty((0, 3), np.int64)
+"""No cell."""
+
+
 @dataclass(frozen=True, slots=True)
 class Window:
     """A part of the grid.
@@ -127,6 +134,7 @@ class Window:
         blocked: (k, 3) rows, columns and heights in dm through which no way leads, whatever is seen there.
         x_m, y_m: of its low corner.
         cell_m: side of a cell.
+        flown: (k, 3) levels, rows and columns that were flown through, where there is room whatever is seen there.
     """
 
     grid: GroundGrid
@@ -134,6 +142,7 @@ class Window:
     x_m: float
     y_m: float
     cell_m: float
+    flown: NDArray[np.int64] = field(default_factory=lambda: NOWHERE)
 
     def cell(self, place: Place) -> tuple[int, int]:
         """Row and column of a point."""
@@ -143,10 +152,6 @@ class Window:
         """The point in the middle of a cell."""
         x_m, y_m = self.x_m + (column + 0.5) * self.cell_m, self.y_m + (row + 0.5) * self.cell_m
         return Place(x_m, y_m, float(self.grid.ground_dm[level, row, column]) / 10.0)
-
-
-NOWHERE: NDArray[np.int64] = np.empty((0, 3), np.int64)
-"""Nothing is blocked."""
 
 
 class KnownGround:
@@ -163,6 +168,14 @@ class KnownGround:
         self._grid = GroundGrid.unseen(FIRST_CELLS, FIRST_CELLS)
         self._origin: tuple[float, float] | None = None
         self._blocked: deque[Place] = deque(maxlen=MOST_BLOCKED)
+        self._flown: list[Place] = []
+
+    def fly(self, place: Place) -> None:
+        """The vehicle has flown here: there is room, whatever is seen of it later."""
+        last = self._flown[-1] if self._flown else None
+        is_step = last is None or math.hypot(place.x_m - last.x_m, place.y_m - last.y_m) >= FLOWN_M
+        if is_step and len(self._flown) < MOST_FLOWN:
+            self._flown.append(place)
 
     def see(self, measurement: Measurement, pose: Pose) -> None:
         """Enter what is in view: free along each bearing, a wall where it is HIT, at the height of the ground there.
@@ -213,6 +226,14 @@ class KnownGround:
     def whole(self) -> Window | None:
         """A copy of all that is known, and a little around it; None before anything has been seen."""
         return None if self._origin is None or not self._grid.cells.any() else self._known(BORDER_CELLS)
+
+    def with_way_flown(self) -> Window | None:
+        """A copy of all that is known, in which the way that was flown is free; None before anything has been seen."""
+        window = self.whole()
+        if window is None or not self._flown:
+            return window
+        cells = np.array([(*window.cell(place), place.ground_dm) for place in self._flown], np.int64)
+        return replace(window, flown=_open(window.grid, cells))
 
     def seen(self) -> Window:
         """A copy of all that has been seen, as far as it goes: without rows and columns before anything has been."""
@@ -286,6 +307,37 @@ class KnownGround:
 def _first(*numbers: float | None) -> float:
     """The first that is known; 0 when none is."""
     return next((number for number in numbers if number is not None), 0.0)
+
+
+@compiled
+def _open(grid: GroundGrid, cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Cells of a way (n, 3), rows, columns and heights in dm, are free, with one beside two that touch at a corner.
+
+    Returns:
+        (k, 3) their levels, rows and columns.
+    """
+    _, rows, columns = grid.cells.shape
+    opened = np.empty((2 * cells.shape[0], 3), np.int64)
+    size = 0
+    for k in range(cells.shape[0]):
+        for corner in range(2):
+            row, column = cells[k, 0], cells[k, 1]
+            if corner == 0:
+                # Of two that touch at a corner one beside them both.
+                if k == 0 or row == cells[k - 1, 0] or column == cells[k - 1, 1]:
+                    continue
+                row = cells[k - 1, 0]
+            if not (1 < row < rows - 2 and 1 < column < columns - 2):
+                continue
+            level = level_at(grid, row, column, cells[k, 2])
+            if level < 0:
+                enter(grid, row, column, cells[k, 2], FREE)
+                level = level_at(grid, row, column, cells[k, 2])
+            if level >= 0:
+                grid.cells[level, row, column] = FREE
+                opened[size, 0], opened[size, 1], opened[size, 2] = level, row, column
+                size += 1
+    return opened[:size]
 
 
 @compiled

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from companion.control import edges
-from companion.control.decisions import Choice
+from companion.control.decisions import Decisions
 from companion.control.governor import ROOM_M
 from companion.control.informed import Way
 from companion.control.known_ground import Place
@@ -26,12 +26,12 @@ class KnownWay:
 
     Args:
         parameters: the law's settings.
-        choice: where it leads, and on.
+        decisions: where it leads, and on.
     """
 
-    def __init__(self, parameters: Parameters, choice: Choice) -> None:
+    def __init__(self, parameters: Parameters, decisions: Decisions) -> None:
         self._parameters = parameters
-        self._choice = choice
+        self._decisions = decisions
         self._goal = Place(math.inf, math.inf, 0.0)
         self._confirmed_s = -math.inf
 
@@ -42,17 +42,17 @@ class KnownWay:
 
     def onward(self, pose: Pose) -> Way | None:
         """A straight of the way on that is worth flying; None where there is none."""
-        way = self._choice.onward(pose)
+        way = self._decisions.onward(pose)
         if (
             way is None
-            or math.hypot(way.straight.x_m - pose.x_m, way.straight.y_m - pose.y_m) <= self._parameters.margin_m
+            or math.hypot(way.straight.x_m - pose.x_m, way.straight.y_m - pose.y_m) <= self._decisions.least_straight_m
         ):
             return None
         return way
 
     def has_led_into_view(self, pose: Pose, t_s: float) -> bool:
         """Whether what it leads to has come into view before its end."""
-        return self._choice.has_been_seen(self._goal, pose, t_s)
+        return self._decisions.has_been_seen(self._goal, pose, t_s)
 
     def is_blocked(self, measurement: Measurement, scan: Scan, target: Target, pose: Pose, t_s: float) -> bool:
         """Whether for a while the camera has not confirmed what the known ground says; not while it turns there.

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.control import boundary, climbing, edges, laws
-from companion.control.decisions import Choice, LapCounter, TangentLedger
+from companion.control.decisions import Choice, Decisions, LapCounter, TangentLedger
 from companion.control.edges import Edge
 from companion.control.governor import governed_speed_mps
 from companion.control.graph import EdgeKind
 from companion.control.graph_building import NavigationGraph
+from companion.control.homing.homing import Homing
 from companion.control.informed import Way
 from companion.control.known_ground import CELL_M, CELL_SHARE, UPRIGHT_57_DEG, KnownGround, Outlook
 from companion.control.known_way import KnownWay, is_ahead
@@ -43,6 +44,9 @@ there. More would take the far wall of a narrow crossing for one that it comes t
 
 REST_S = 60.0
 """After an extension a lap decides nothing for so long: a pillar is gone round in less."""
+
+ELSEWHERE_M = 0.5
+"""A vehicle on its way home that turns out to be so far from where it took itself to be looks for its way anew."""
 
 LOST_WALL_S = 3.0
 """In R3 with nothing at all in view for this long there is no boundary to follow."""
@@ -83,11 +87,13 @@ class Navigator:
         self._progress = Progress(parameters.target_timeout_factor * half_turn_s)
         self._ledger = TangentLedger(parameters.margin_m, FORGET_TANGENT_S)
         self.known_ground = KnownGround(outlook, min(CELL_M, CELL_SHARE * parameters.critical_margin_m))
-        """What has been seen of the plan; nothing when the choice is a coin."""
+        """What has been seen of the plan, and where it was flown."""
         self.graph = NavigationGraph()
         """G, as far as it has been met: nothing steers by it."""
         self._choice = Choice(parameters, self.known_ground)
-        self._way = KnownWay(parameters, self._choice)
+        self.homing = Homing(parameters, self.known_ground)
+        self._decisions: Decisions = self._choice
+        self._way = KnownWay(parameters, self._decisions)
         self._laps = LapCounter()
         self._ramp = Ramp(parameters.max_accel_mps2, parameters.period_s)
         self._standing = Standing(parameters)
@@ -127,6 +133,28 @@ class Navigator:
         """What was seen of the ground and not looked into, for a vehicle that is here at the end."""
         return self._choice.left_out(pose)
 
+    def way_home_m(self, measurement: Measurement, pose: Pose) -> float | None:
+        """How long the way home is over what is known; None where no way is known."""
+        return self.homing.way_home_m(measurement, pose, measurement.t_s)
+
+    def go_home(self, t_s: float) -> bool:
+        """From now on fly to where the flight began; False where nobody knows where that is."""
+        if self.homing.homeward is not None:
+            return True
+        homeward = self.homing.begin(t_s)
+        if homeward is None:
+            return False
+        self._decisions = homeward
+        self._way = KnownWay(self.parameters, homeward)
+        if self._mode is Mode.TANGENT:
+            self._target, self._mode = None, Mode.BOUNDARY
+        return True
+
+    @property
+    def is_home(self) -> bool:
+        """Whether the vehicle was told to go home and stands there."""
+        return self.homing.is_home
+
     def step(self, measurement: Measurement, pose: Pose, t_s: float) -> Setpoint:
         """One sampling period: switch the mode if a rule says so, then execute the laws (6), (7) and (12).
 
@@ -136,6 +164,8 @@ class Navigator:
         scan = measurement.scan
         readable = scan is not None and _is_finite(measurement, pose)
         self._holding = bool(measurement.missing) or not readable
+        if self.homing.homeward is not None:
+            pose = self._realigned(measurement, pose, t_s)
         climb = climbing.climb_mps(self.height_m, measurement, pose, self._holding, self.parameters)
         lost_ground = measurement.over_shaft and measurement.missing == (Input.HEIGHT,) and readable
         if lost_ground:
@@ -149,8 +179,12 @@ class Navigator:
             return self._ramp.limit(Setpoint(t_s, forward_mps, climb, 0.0, left_mps))
         self._trail.note(pose)
         self._count_turning(pose)
-        self._choice.see(measurement, pose)
-        self.graph.fly(measurement, pose, t_s)
+        self._decisions.see(measurement, pose)
+        if self.homing.homeward is None:
+            self.homing.fly_out(measurement, pose)
+            self.graph.fly(measurement, pose, t_s)
+        elif self.homing.has_arrived(pose, t_s):
+            return self._ramp.limit(self._standing.of(Setpoint(t_s, 0.0, climb, 0.0), scan, measurement.sides, pose))
         if self._mode is Mode.CIRCLE:
             self._leave_circle(scan, pose, t_s)
         elif self._mode is Mode.TANGENT:
@@ -160,6 +194,18 @@ class Navigator:
         speed = self._speed_mps(measurement, scan, pose)
         wanted = Setpoint(t_s, speed, climb, self._yaw_rate_radps(measurement, scan, pose))
         return self._ramp.limit(self._standing.of(wanted, scan, measurement.sides, pose))
+
+    def _realigned(self, measurement: Measurement, pose: Pose, t_s: float) -> Pose:
+        """Where it is on its way home, by the position of its way out."""
+        off_m = 0.0 if self._holding else self.homing.align(measurement, pose, t_s)
+        if off_m > 0.0:
+            # What they keep are places by the position that was wrong.
+            self._standing.release()
+        if off_m > ELSEWHERE_M:
+            self._trail = Trail()
+            if self._mode is Mode.TANGENT:
+                self._enter(Mode.BOUNDARY, pose, t_s)
+        return self.homing.pose(pose)
 
     # The laws.
 
@@ -196,6 +242,8 @@ class Navigator:
     def _speed_mps(self, measurement: Measurement, scan: Scan, pose: Pose) -> float:
         """Paper eq. (12), lowered by the governor."""
         speed = laws.speed_mps(self._mode, measurement.d_front_m, self.parameters)
+        if self.homing.homeward is not None:
+            speed = min(speed, self.homing.most_mps(pose))
         if self._mode is Mode.TANGENT and (self._escapes() or self.parameters.speed_law == "governor"):
             speed *= max(0.0, math.cos(self._target_bearing_rad(pose)))
         if self.parameters.speed_law == "paper" or speed == 0.0:
@@ -211,6 +259,8 @@ class Navigator:
     def _leave_circle(self, scan: Scan, pose: Pose, t_s: float) -> None:
         """R1 -> R2 at the first tangent; after a full turn without one, our extensions."""
         self._panorama.see(scan, pose)
+        if self.homing.homeward is not None and not self._is_stuck and self._takes_better_way(pose, t_s):
+            return
         for edge in edges.find_edges(scan, self.parameters):
             if self._corridor_is_free(scan, edge):
                 self._pursue(edge, pose, t_s)
@@ -231,7 +281,7 @@ class Navigator:
         if target.is_reached(pose, self.parameters.target_radius_m):
             self._arrive(target, scan, pose, t_s)
         elif target.kind is TargetKind.KNOWN and self._way.is_blocked(measurement, scan, target, pose, t_s):
-            self._choice.block_way(target, pose, t_s)
+            self._decisions.block_way(target, pose, t_s)
             self._enter(Mode.BOUNDARY, pose, t_s)
         elif self._progress.has_ended(target, pose, t_s):
             self._enter(Mode.CIRCLE, pose, t_s)
@@ -277,7 +327,7 @@ class Navigator:
             self._look_round(pose, t_s)
             return
         rested = t_s - self._extended_s > REST_S
-        if self._laps.has_come_round(pose) and rested and self._rng.random() < self._choice.after_lap():
+        if self._laps.has_come_round(pose) and rested and self._rng.random() < self._decisions.after_lap():
             self._escape(scan, pose, t_s)
             return
         if self._takes_better_way(pose, t_s):
@@ -293,7 +343,7 @@ class Navigator:
                 continue
             self._ledger.decide(x_m, y_m, edge.gamma, t_s)
             self._draws += 1
-            if self._rng.random() < self._choice.at_tangent(edge, self._gamma, pose):
+            if self._rng.random() < self._decisions.at_tangent(edge, self._gamma, pose):
                 self._accepted += 1
                 self._pursue(edge, pose, t_s)
             else:
@@ -303,7 +353,7 @@ class Navigator:
 
     def _takes_better_way(self, pose: Pose, t_s: float) -> bool:
         """R3 -> R2 over known ground, with all but p_min, where the unseen is nearer that way."""
-        way = self._choice.better_way(self._gamma, pose, t_s)
+        way = self._decisions.better_way(self._gamma, pose, t_s)
         if way is None:
             return False
         if not self._is_drawn(way, pose, t_s):
@@ -314,8 +364,8 @@ class Navigator:
     def _is_drawn(self, way: Way, pose: Pose, t_s: float) -> bool:
         """One draw for a way over known ground: taken with 1 - p_min, else none is looked for, for a while."""
         self._draws += 1
-        if self._rng.random() < self.parameters.least_probability:
-            self._choice.refuse(t_s)
+        if self._rng.random() < self._decisions.refusal:
+            self._decisions.refuse(t_s)
             self.graph.decline(EdgeKind.KNOWN, way.straight.x_m, way.straight.y_m, self._gamma, pose)
             return False
         self._accepted += 1
@@ -343,7 +393,7 @@ class Navigator:
         if way is not None:
             self._go(way, pose, t_s)
             return
-        self._gamma = self._choice.side(pose) or self._gamma
+        self._gamma = self._decisions.side(pose) or self._gamma
         self._follow(scan, pose, t_s)
 
     def _follow(self, scan: Scan, pose: Pose, t_s: float) -> None:
@@ -412,7 +462,8 @@ class Navigator:
         self._laps.begin()
         if mode is not Mode.TANGENT:
             self._target = None
-        self.graph.enter(mode, self._gamma, self._target, pose)
+        if self.homing.homeward is None:
+            self.graph.enter(mode, self._gamma, self._target, pose)
         if mode is Mode.CIRCLE:
             self._circle_direction = self._either_side()
             self._panorama.begin()
