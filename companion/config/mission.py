@@ -31,8 +31,17 @@ class MissionSettings(Section):
         description="what starts the flight: now, the Enter key, or the MAVLink command MAV_CMD_MISSION_START from a "
         "ground station",
     )
-    end_action: Literal["hold", "land"] = Field(
-        "land", description="how a flight ends on stop, completion or low battery: hold or land"
+    end_action: Literal["home", "hold", "land"] = Field(
+        "home",
+        description="how a flight ends on stop, completion, time or low battery: home flies back over known ground and "
+        "lands where it started; hold and land end it where it is",
+    )
+    reserve_percent: float = Field(
+        25.0,
+        ge=0.0,
+        le=90.0,
+        description="share of the battery that shall be left on arrival at home, in percent: the exploring ends when "
+        "the way home, at the speed really flown and with the drain measured, would leave less",
     )
     time_limit_s: float = Field(1200.0, gt=0.0, le=86400.0, description="of exploring; then the flight ends, in s")
     battery_low_percent: float = Field(

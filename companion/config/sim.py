@@ -44,8 +44,23 @@ class NoiseSettings(Section):
     )
 
 
+class BatterySettings(Section):
+    """The battery of the simulated vehicle; it drains evenly."""
+
+    minutes: float | None = Field(
+        None, gt=0.0, le=600.0, description="of flight from full to empty; null: it never empties, and nobody asks"
+    )
+    percent: float = Field(100.0, gt=0.0, le=100.0, description="charge at the start, in percent")
+    worn_after_s: float | None = Field(
+        None, ge=0.0, le=86400.0, description="from then on it drains faster, in s of flight; null: never"
+    )
+    worn_factor: float = Field(2.0, ge=1.0, le=100.0, description="so many times as fast")
+
+
 class SimSettings(Section):
     """The simulation."""
+
+    battery: BatterySettings = Field(BatterySettings(), description="the battery of the simulated vehicle")
 
     dynamics: DynamicsSettings = Field(DynamicsSettings(), description="the simulated vehicle")
     noise: NoiseSettings = Field(NoiseSettings(), description="the imperfection of sensors and pose")

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from companion.compiled import compiled
 from companion.control.ground_grid import FREE, WALL, GroundGrid, is_frontier, level_at, step_to
 from companion.control.known_ground import KnownGround, Place, Window
+from companion.model import wrap_rad
 
 NEAR_STEPS = 3
 """A goal is where there is room to fly within so many cells of ground from which the unseen begins."""
@@ -55,6 +56,13 @@ class Way(NamedTuple):
     goal: Place
 
 
+class Route(NamedTuple):
+    """A whole way: its length, and how much is turned on it."""
+
+    length_m: float
+    turn_rad: float
+
+
 @dataclass(frozen=True, slots=True)
 class Ways:
     """Distances over known ground to the nearest goal, as they are just now.
@@ -90,18 +98,26 @@ class Ways:
         turn_rad = abs(math.remainder(bearing_rad, 2.0 * math.pi))
         return Way(int(self.steps[tuple(path[0])]) * window.cell_m + turn_m_per_rad * turn_rad, straight, goal)
 
-    def length_m(self, place: Place) -> float | None:
-        """Of the way from a place, as it is flown, straight by straight; None when no way is known."""
-        length_m = 0.0
+    def route(self, place: Place, yaw_rad: float) -> Route | None:
+        """The whole way from a place, as it is flown, straight by straight; None when no way is known.
+
+        Args:
+            place: where the vehicle is.
+            yaw_rad: where it points.
+        """
+        length_m = turn_rad = 0.0
         for _ in range(MOST_STRAIGHTS):
             way = self.way(place, 0.0, 0.0)
             if way is None:
                 return None
-            length_m += math.hypot(way.straight.x_m - place.x_m, way.straight.y_m - place.y_m)
-            if way.straight == way.goal or way.straight == place:
+            x_m, y_m = way.straight.x_m - place.x_m, way.straight.y_m - place.y_m
+            length_m += math.hypot(x_m, y_m)
+            turn_rad += abs(wrap_rad(math.atan2(y_m, x_m) - yaw_rad))
+            yaw_rad = math.atan2(y_m, x_m)
+            if way.straight in (way.goal, place):
                 break
             place = way.straight
-        return length_m
+        return Route(length_m, turn_rad)
 
     def is_goal(self, place: Place) -> bool:
         """Whether the unseen still begins there; also where that is not known, beyond what was searched."""

@@ -14,10 +14,10 @@ from companion.control.edges import Edge
 from companion.control.governor import governed_speed_mps
 from companion.control.graph import EdgeKind
 from companion.control.graph_building import NavigationGraph
-from companion.control.homing.homing import Homing
+from companion.control.homing.homing import GONE_M, Homing, WayHome
 from companion.control.informed import Way
 from companion.control.known_ground import CELL_M, CELL_SHARE, UPRIGHT_57_DEG, KnownGround, Outlook
-from companion.control.known_way import KnownWay, is_ahead
+from companion.control.known_way import FACED_RAD, KnownWay, is_ahead
 from companion.control.left_out import LeftOut
 from companion.control.panorama import Panorama
 from companion.control.parameters import Parameters
@@ -133,9 +133,9 @@ class Navigator:
         """What was seen of the ground and not looked into, for a vehicle that is here at the end."""
         return self._choice.left_out(pose)
 
-    def way_home_m(self, measurement: Measurement, pose: Pose) -> float | None:
-        """How long the way home is over what is known; None where no way is known."""
-        return self.homing.way_home_m(measurement, pose, measurement.t_s)
+    def way_home(self, measurement: Measurement, pose: Pose) -> WayHome | None:
+        """How far home is over what is known, and how long that takes; None where no way is known."""
+        return self.homing.way_home(measurement, pose, measurement.t_s)
 
     def go_home(self, t_s: float) -> bool:
         """From now on fly to where the flight began; False where nobody knows where that is."""
@@ -180,10 +180,13 @@ class Navigator:
         self._trail.note(pose)
         self._count_turning(pose)
         self._decisions.see(measurement, pose)
+        self.homing.pace(pose, self._mode is Mode.TANGENT and abs(self._target_bearing_rad(pose)) < FACED_RAD)
         if self.homing.homeward is None:
             self.homing.fly_out(measurement, pose)
             self.graph.fly(measurement, pose, t_s)
         elif self.homing.has_arrived(pose, t_s):
+            if self.homing.home is not None and self.homing.to_go_m(pose) < GONE_M:
+                self._standing.keep_at(self.homing.home.x_m, self.homing.home.y_m, pose.z_m)
             return self._ramp.limit(self._standing.of(Setpoint(t_s, 0.0, climb, 0.0), scan, measurement.sides, pose))
         if self._mode is Mode.CIRCLE:
             self._leave_circle(scan, pose, t_s)

@@ -45,6 +45,10 @@ class Standing:
         """It flies, or something is missing by which to stand."""
         self._station.release()
 
+    def keep_at(self, x_m: float, y_m: float, z_m: float) -> None:
+        """Where it is to stand from now on, instead of where it came to stand."""
+        self._station.place_m = x_m, y_m, z_m
+
     def of(self, setpoint: Setpoint, scan: Scan, sides: Sides, pose: Pose) -> Setpoint:
         """The same, led back to where it came to stand, or away from a wall that has come as near as d_c.
 

@@ -27,6 +27,7 @@ def fly(mission: Mission) -> Row:
             world = load_world(mission.world, mission.seed, mission.site.start, mission.site.reading)
             simulation = Simulation(world, mission.settings, mission.seed, mission.vehicles)
             simulation.run(mission.time_limit_s)
+            simulation.come_home()
             return figures(simulation)
     except Exception as error:  # noqa: BLE001 - one bad mission must not end the thousand others
         return failure(f"{type(error).__name__}: {error}", traceback.format_exc())
@@ -38,8 +39,9 @@ def figures(simulation: Simulation) -> Row:
     ``estimate_error`` is how much too high the vehicle's own estimate of its completeness was.
     """
     score = simulation.score()  # fills in the true distances of the logs
-    speeds_mps = np.concatenate([np.abs(flight.log.column("speed_mps")) for flight in simulation.flights])
-    true_d_m = np.concatenate([flight.log.column("true_d_m") for flight in simulation.flights])
+    explored = list(zip(simulation.flights, simulation.explored.ticks, strict=True))
+    speeds_mps = np.concatenate([np.abs(flight.log.column("speed_mps")[:ticks]) for flight, ticks in explored])
+    true_d_m = np.concatenate([flight.log.column("true_d_m")[:ticks] for flight, ticks in explored])
     near = true_d_m[np.isfinite(true_d_m)] < simulation.settings.control.critical_margin_m
     return {
         **{name: plain(value) for name, value in score.items()},

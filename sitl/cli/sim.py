@@ -119,6 +119,7 @@ def _fly(kept: Kept, limit_s: float, console: Console, stop: Callable[[], bool])
                 kept.look()
 
             simulation.run(limit_s, show, stop)
+            simulation.come_home(show, stop)
     except Exception as error:  # noqa: BLE001 - it is raised again when the results are safe
         simulation.ended_because = f"failed: {error!r}"
         return error
@@ -126,7 +127,8 @@ def _fly(kept: Kept, limit_s: float, console: Console, stop: Callable[[], bool])
 
 
 def _say_result(console: Console, simulation: Simulation, summary: dict[str, object], folder: Path) -> None:
-    graph = summary["graph"]
+    graph, homes = summary["graph"], summary["home"]
+    assert isinstance(homes, list)  # noqa: S101 - the summary holds values of all types
     assert isinstance(graph, dict)  # noqa: S101 - the summary holds values of all types
     lines = [
         f"ended: {simulation.ended_because} after {clock(simulation.t_s)} simulated, "
@@ -140,7 +142,18 @@ def _say_result(console: Console, simulation: Simulation, summary: dict[str, obj
         f"{graph['exits']} exits not taken, {graph['exits_unvisited']} of them never come to",
         f"look at: {folder / 'report.html'}",
     ]
+    lines[-1:-1] = [_home(home, flight.log.vehicle_id) for home, flight in zip(homes, simulation.flights, strict=False)]
     _say(console, *lines)
+
+
+def _home(home: dict[str, object], number: int) -> str:
+    """How a vehicle came home."""
+    battery = home.get("came_percent")
+    left = "" if battery is None else f", {battery} % of the battery left of {home['promised_percent']} % promised"
+    return (
+        f"vehicle {number}: {home['ended_because']}, {_metres(home.get('off_m'))} from where it started, after "
+        f"{_metres(home.get('flown_m'))} in {home.get('time_s')} s{left}"
+    )
 
 
 def _say(console: Console, *lines: str) -> None:

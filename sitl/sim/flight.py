@@ -8,6 +8,8 @@ import numpy as np
 
 from companion.config.settings import Settings
 from companion.control.fleet import Fleet, Report
+from companion.control.homing.homing import WayHome
+from companion.control.homing.reserve import Reserve
 from companion.mapping import VoxelMap
 from companion.model import Measurement, Pose
 from companion.pipeline import Explorer
@@ -15,8 +17,12 @@ from sitl.mines import World
 from sitl.scene.raycast import RayCaster
 from sitl.scene.render import DepthRenderer
 from sitl.scene.sensors import SensorRig
+from sitl.sim.battery import Battery
 from sitl.sim.flight_log import FlightLog
 from sitl.sim.vehicle import Vehicle
+
+RECKONING_PERIOD_S = 2.0
+"""Time between two looks at what will be left of the battery at home."""
 
 
 class Flight:
@@ -47,6 +53,8 @@ class Flight:
         self.navigator = self._explorer.navigator
         self.map = VoxelMap(settings.mapping)
         self.log = FlightLog(vehicle_id)
+        self.battery = Battery(settings.sim.battery)
+        self.reserve = Reserve(settings.mission.reserve_percent)
         self.fleet = Fleet(
             vehicle_id,
             group_range_m=settings.fleet.group_range_m,
@@ -72,6 +80,7 @@ class Flight:
         self._body_radius_m = settings.vehicle.body_radius_m
         self._alone_m = settings.control.height_m
         self._free_until_path_m = 0.0
+        self._next_reckoning_s = -math.inf
 
     def tick(self, dt_s: float, fleet: bool) -> None:
         """One sampling period: observe, measure, step the navigator, send the setpoint, fly on.
@@ -98,7 +107,25 @@ class Flight:
         self.blind_s = self.blind_s + dt_s if measurement.missing else 0.0
         self.vehicle.command(setpoint)
         self.vehicle.step(dt_s)
+        self.battery.step(dt_s)
+        self._reckon(true.t_s)
         self._check_contact()
+
+    def way_home(self) -> WayHome | None:
+        """How far it takes home to be; None while it knows no way."""
+        return None if self.measurement is None else self.navigator.way_home(self.measurement, self.estimated)
+
+    def home_pose(self) -> Pose:
+        """Where it takes itself to be on its way home."""
+        return self.navigator.homing.pose(self.estimated)
+
+    def _reckon(self, t_s: float) -> None:
+        percent = self.battery.told_percent
+        if percent is None or t_s < self._next_reckoning_s:
+            return
+        self._next_reckoning_s = t_s + RECKONING_PERIOD_S
+        way = self.way_home()
+        self.reserve.update(t_s, percent, None if way is None else way.time_s)
 
     def report(self) -> Report:
         """Where the vehicle tells the others that it is."""
@@ -112,5 +139,5 @@ class Flight:
         pose = self.vehicle.pose
         distance_m = float(self._caster.distance(np.array([[pose.x_m, pose.y_m, pose.z_m]]))[0])
         clear_m = distance_m - self._body_radius_m
-        self.touched = not math.isfinite(clear_m) or clear_m <= 0.0
+        self.touched = self.touched or not math.isfinite(clear_m) or clear_m <= 0.0
         self._free_until_path_m = self.vehicle.path_m + max(clear_m, 0.0)

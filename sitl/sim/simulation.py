@@ -20,6 +20,7 @@ from companion.safety_case.passages import passages
 from sitl.mines import World
 from sitl.scene.raycast import RayCaster
 from sitl.scene.visibility import Say, Truth, accuracy_m, horizontal_clearance, precision, silent
+from sitl.sim.coming_home import ComingHome
 from sitl.sim.flight import Flight
 from sitl.sim.judgement import Judgement, merged_map
 from sitl.sim.start import check_room, remarks_on_start, start_poses
@@ -29,6 +30,9 @@ COMPLETE_SHARE = 0.99
 
 ENDED_WELL = ("complete", "done")
 """Why a mission has ended that came to the end which `sim.ends` asks for, by the truth or by the vehicle's word."""
+
+CAN_COME_HOME = (*ENDED_WELL, "time limit", "battery needed for the way home")
+"""Why an exploring has ended from which a vehicle can come home."""
 
 CHECK_PERIOD_S = 5.0
 """Simulated time between two looks at the completeness."""
@@ -49,6 +53,15 @@ class Progress:
     t_s: float
     completeness: float
     flights: tuple[Flight, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Explored:
+    """How far the exploring went: until when, how far in sum, and how many rows of each log."""
+
+    t_s: float
+    path_m: float
+    ticks: tuple[int, ...]
 
 
 class Simulation:
@@ -107,6 +120,10 @@ class Simulation:
         """What the vehicles take their map for at the end of `run`; None before."""
         self.left_out: tuple[LeftOut, ...] = ()
         """What they have seen the beginning of and not looked into, at the end of `run`."""
+        self.coming_home: tuple[ComingHome, ...] = ()
+        """The ways home, once they are flown."""
+        self._starts = starts
+        self._explored: Explored | None = None
         self._found = np.zeros(len(self.truth.samples_m), np.bool_)
         self._next_check_s = 0.0
 
@@ -142,13 +159,42 @@ class Simulation:
             elif any(flight.blind_s > self.settings.mission.input_timeout_s for flight in self.flights):
                 # As in a real flight: over a hole without ground it would hover until something pushes it.
                 self.ended_because = "inputs lost"
+            elif any(flight.battery.is_empty for flight in self.flights):
+                self.ended_because = "battery empty"
+            elif any(flight.reserve.is_due for flight in self.flights):
+                self.ended_because = "battery needed for the way home"
             elif self.t_s >= time_limit_s:
                 self.ended_because = "time limit"
+        self._explored = self.explored
         self.wall_time_s = time.perf_counter() - began
         self.completeness = self._exact_completeness()
         self.progress.append((self.t_s, self.completeness))
         self.estimated_completeness = self.judgement.completeness(self.t_s)
         self.left_out = self.judgement.left_out(self.t_s)
+
+    def come_home(
+        self, show: Callable[[Progress], None] | None = None, stop: Callable[[], bool] = lambda: False
+    ) -> None:
+        """After `run`, fly every vehicle home, where `mission.end_action` says so and the exploring has not ended in a failure.
+
+        Args:
+            show: called every `CHECK_PERIOD_S` of simulated time.
+            stop: asked before every tick: whether the user wants the end.
+        """
+        if self.settings.mission.end_action != "home" or self.ended_because not in CAN_COME_HOME:
+            return
+        ways = [ComingHome(*one, self.settings) for one in zip(self.flights, self._starts, strict=True)]
+        self.coming_home = tuple(ways)
+        next_show_s = self.t_s
+        while sum(way.look() for way in ways) < len(ways):
+            if show is not None and self.t_s >= next_show_s:
+                next_show_s = self.t_s + CHECK_PERIOD_S
+                show(Progress(self.t_s, self.completeness, self.flights))
+            if stop():
+                for way in ways:
+                    way.stop()
+                break
+            self._tick(self.settings.control.period_s)
 
     def _end(self) -> str:
         """Why the mission ends by itself now; empty when it goes on."""
@@ -159,6 +205,14 @@ class Simulation:
             return "done" if done else ""
         return "complete" if self.completed_at_s is not None else ""
 
+    @property
+    def explored(self) -> Explored:
+        """The exploring, without the way home; so far, while it goes on."""
+        if self._explored is not None:
+            return self._explored
+        flights = self.flights
+        return Explored(self.t_s, sum(flight.vehicle.path_m for flight in flights), tuple(len(f.log) for f in flights))
+
     def merged_map(self) -> VoxelMap:
         """V: the union of what every vehicle has mapped (paper eq. (5))."""
         return merged_map(self.flights, self.settings.mapping)
@@ -168,11 +222,17 @@ class Simulation:
         voxels = self.merged_map()
         occupied = voxels.occupied()
         off_m = self.caster.distance(occupied) if len(occupied) else np.zeros(0)
-        true_d = np.concatenate([self._true_distances(flight) for flight in self.flights])
+        explored = self.explored
+        every = max(1, round(SCORED_PERIOD_S / self.settings.control.period_s))
+        parts = [
+            np.split(self._true_distances(flight, every), [math.ceil(ticks / every)])
+            for flight, ticks in zip(self.flights, explored.ticks, strict=True)
+        ]
+        true_d = np.concatenate([exploring for exploring, _ in parts])
         margin_m = self.settings.control.margin_m
         states = [flight.navigator.status for flight in self.flights]
         graphs = [flight.navigator.graph.snapshot().counts() for flight in self.flights]
-        sim_time_s = round(self.t_s, 3)
+        sim_time_s = round(explored.t_s, 3)
         return {
             "world": self.world.name,
             "origin_m": list(self.world.origin_m),
@@ -190,7 +250,7 @@ class Simulation:
             "sim_time_s": sim_time_s,
             "wall_time_s": round(self.wall_time_s, 2),
             "times_real_time": round(sim_time_s / self.wall_time_s, 2) if self.wall_time_s > 0.0 else None,
-            "path_length_m": round(sum(flight.vehicle.path_m for flight in self.flights), 2),
+            "path_length_m": round(explored.path_m, 2),
             "contacts": sum(flight.touched for flight in self.flights),
             "least_d_m": _rounded(float(np.min(true_d, initial=math.inf)), 3),
             "least_clearance_m": _rounded(min(map(self._least_clearance_m, self.flights), default=math.inf), 3),
@@ -211,6 +271,10 @@ class Simulation:
             "camera": f"{self.settings.sensors.camera.width_px} x {self.settings.sensors.camera.height_px} at "
             f"{self.settings.sensors.camera.rate_hz:g} Hz",
             "ended_because": self.ended_because,
+            "home": [
+                way.score() | {"least_d_m": _rounded(float(np.min(d_m, initial=math.inf)), 3)}
+                for way, (_, d_m) in zip(self.coming_home, parts, strict=False)
+            ],
             "passages": asdict(passages(self.settings)),
             "versions": _versions(),
         }
@@ -270,9 +334,11 @@ class Simulation:
         places_m = np.vstack([flight.log.positions_m, [pose.x_m, pose.y_m, pose.z_m]])
         return float(self.caster.distance(places_m).min()) - self.settings.vehicle.body_radius_m
 
-    def _true_distances(self, flight: Flight) -> NDArray[np.float64]:
-        """The true least horizontal distance from the centre of the vehicle, over the height of the body."""
-        every = max(1, round(SCORED_PERIOD_S / self.settings.control.period_s))
+    def _true_distances(self, flight: Flight, every: int) -> NDArray[np.float64]:
+        """The true least horizontal distance from the centre of the vehicle, over the height of the body.
+
+        Of one tick in so many.
+        """
         positions = flight.log.positions_m[::every]
         half_height_m = self.settings.vehicle.body_height_m / 2.0
         distances = np.asarray(horizontal_clearance(self.caster, positions, half_height_m), np.float64)

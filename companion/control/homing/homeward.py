@@ -8,7 +8,7 @@ import numpy as np
 
 from companion.control.decisions import Decisions
 from companion.control.ground_grid import level_at
-from companion.control.informed import Way, Ways, ways_within
+from companion.control.informed import Route, Way, Ways, ways_within
 from companion.control.known_ground import KnownGround, Place
 from companion.control.parameters import Parameters
 from companion.control.target import Target
@@ -68,11 +68,11 @@ class Homeward(Decisions):
         """Search anew before the next answer: the vehicle turned out to be elsewhere, or something is in the way."""
         self._found = None
 
-    def length_m(self, place: Place, t_s: float) -> float | None:
-        """Of the way home from a place, as it would be flown, straight by straight; None where no way is known."""
+    def route(self, place: Place, yaw_rad: float, t_s: float) -> Route | None:
+        """The way home from a place, for a vehicle that points there; None where no way is known."""
         self._t_s = t_s
         ways = self._ways(place)
-        return None if ways is None else ways.length_m(place)
+        return None if ways is None else ways.route(place, yaw_rad)
 
     def _ways(self, place: Place) -> Ways | None:
         if self._found is None or self._t_s - self._searched_s >= SEARCH_PERIOD_S:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from companion.control.governor import braking_speed_mps
 from companion.control.homing.alignment import Alignment
 from companion.control.homing.homeward import Homeward
 from companion.control.homing.keyframes import Keyframes
+from companion.control.homing.pace import Pace
+from companion.control.informed import Route
 from companion.control.known_ground import KnownGround, Place
 from companion.control.parameters import Parameters
 from companion.model import Measurement, Pose
@@ -15,8 +18,8 @@ from companion.model import Measurement, Pose
 ARRIVED_M, GONE_M = 0.25, 0.4
 """So near the vehicle has arrived, and so far off it has to come nearer again: what it sees tells better by then."""
 
-SETTLED_S = 2.0
-"""It stands at home for so long before that is believed."""
+SETTLED_M, SETTLED_S, SETTLING_S = 0.1, 2.0, 10.0
+"""It stands so near to home for so long before it is there; after some seconds more it is as near as it gets."""
 
 NEAR_M, PATIENCE_S = 1.5, 20.0
 """So near to home is near enough when it has come no nearer for so long: something stands there now, or the flight
@@ -24,8 +27,15 @@ began nearer to a wall than the law flies."""
 
 NEARER_M = 0.1
 CREEP_MPS = 0.1
-LENGTH_PERIOD_S = 10.0
+ROUTE_PERIOD_S = 10.0
 """Time between two searches for the length of the way home; in between it grows by what is flown."""
+
+
+class WayHome(NamedTuple):
+    """How far home is, and how long the way there takes."""
+
+    length_m: float
+    time_s: float
 
 
 class Homing:
@@ -47,15 +57,26 @@ class Homing:
         self._keyframes = Keyframes()
         self._alignment = Alignment(self._keyframes)
         self._reckoning: Homeward | None = None
-        self._length: tuple[float, float] | None = None
-        self._next_length_s = -math.inf
+        self._route: tuple[Route, float] | None = None
+        self._next_route_s = -math.inf
+        self._pace = Pace(parameters)
         self._least_m, self._least_s = math.inf, -math.inf
         self._there_s: float | None = None
+        self._near_s = -math.inf
 
     @property
     def matches(self) -> int:
         """How often a place of the way out was recognised."""
         return self._alignment.matches
+
+    def pace(self, pose: Pose, straight: bool) -> None:
+        """Note how fast it flies; with every pose.
+
+        Args:
+            pose: by any position.
+            straight: whether it flies straight to somewhere, as on the way home.
+        """
+        self._pace.note(pose, straight)
 
     def fly_out(self, measurement: Measurement, pose: Pose) -> None:
         """Remember the way; with every pose of the exploring."""
@@ -68,30 +89,32 @@ class Homing:
         self._keyframes.see(measurement, pose)
         self._ground.fly(here)
 
-    def way_home_m(self, measurement: Measurement, pose: Pose, t_s: float) -> float | None:
-        """How long the way home is from here, by what is known; None where no way is.
+    def way_home(self, measurement: Measurement, pose: Pose, t_s: float) -> WayHome | None:
+        """How far home is from here, by what is known; None where no way is.
 
         Args:
             measurement: of now.
             pose: by the autopilot's position.
             t_s: now.
         """
-        home = self.home
-        if home is None or measurement.h_m is None:
+        if self.home is None or measurement.h_m is None:
             return None
         if self.homeward is not None:
-            return self.homeward.length_m(Place.under(self.pose(pose), measurement.h_m), t_s)
+            pose = self.pose(pose)
+            route = self.homeward.route(Place.under(pose, measurement.h_m), pose.yaw_rad, t_s)
+            return None if route is None else WayHome(route.length_m, self._pace.takes_s(route))
         if self._reckoning is None:
-            self._reckoning = Homeward(self._parameters, self._ground, home)
-        if t_s >= self._next_length_s:
-            self._next_length_s = t_s + LENGTH_PERIOD_S
-            length_m = self._reckoning.length_m(Place.under(pose, measurement.h_m), t_s)
-            if length_m is not None:
-                self._length = length_m, self._keyframes.way_m
-        if self._length is None:
+            self._reckoning = Homeward(self._parameters, self._ground, self.home)
+        if t_s >= self._next_route_s:
+            self._next_route_s = t_s + ROUTE_PERIOD_S
+            found = self._reckoning.route(Place.under(pose, measurement.h_m), pose.yaw_rad, t_s)
+            if found is not None:
+                self._route = found, self._keyframes.way_m
+        if self._route is None:
             return None
         # Whatever lies between, it can go back where it came.
-        return self._length[0] + self._keyframes.way_m - self._length[1]
+        route = self._route[0]._replace(length_m=self._route[0].length_m + self._keyframes.way_m - self._route[1])
+        return WayHome(route.length_m, self._pace.takes_s(route))
 
     def begin(self, t_s: float) -> Homeward | None:
         """From now on home; None where nobody knows where that is."""
@@ -131,7 +154,9 @@ class Homing:
             return False
         if self._there_s is None:
             self._there_s = t_s
-        self.is_home = t_s - self._there_s >= SETTLED_S
+        if to_go_m > SETTLED_M:
+            self._near_s = t_s
+        self.is_home = t_s - max(self._there_s, self._near_s) >= SETTLED_S or t_s - self._there_s >= SETTLING_S
         return True
 
     def most_mps(self, pose: Pose) -> float:

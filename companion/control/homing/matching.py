@@ -19,7 +19,7 @@ NEAR_CELLS = 2
 COARSE_M, FINE_M = 0.2, 0.05
 COARSE_RAD, FINE_RAD = math.radians(2.0), math.radians(0.5)
 
-PER_M, PER_RAD = 0.02, 0.1
+PER_M, PER_RAD = 0.25, 0.1
 """What a look must agree better by for each metre and radian that it is to be moved: along a smooth drift nothing says
 how far, and then it stays."""
 

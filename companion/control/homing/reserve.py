@@ -13,8 +13,6 @@ OBSERVED_S, LEAST_S, LEAST_PERCENT = 180.0, 30.0, 2.0
 """The drain is that of the last minutes, once so much time and charge have gone: autopilots tell whole percents."""
 
 SAMPLE_S = 1.0
-LEAST_MPS = 0.1
-"""No way home is flown slower than this, or a flight that turned on the spot would turn back."""
 
 
 class Charge:
@@ -59,31 +57,25 @@ class Reserve:
         self.drain_percent_per_s: float | None = None
         self._share_percent = share_percent
         self._samples: deque[tuple[float, float]] = deque(maxlen=round(OBSERVED_S / SAMPLE_S) + 1)
-        self._began: tuple[float, float] | None = None
 
-    def update(self, t_s: float, charge_percent: float | None, way_home_m: float | None, flown_m: float) -> None:
+    def update(self, t_s: float, charge_percent: float | None, way_home_s: float | None) -> None:
         """Take what is known now; called every second or two.
 
         Args:
             t_s: now.
             charge_percent: what is left, `Charge.percent`.
-            way_home_m: length of the way home.
-            flown_m: how far the vehicle has flown, of which the speed is made that it really flies.
+            way_home_s: how long the way home takes.
         """
-        if self._began is None:
-            self._began = t_s, flown_m
         if charge_percent is None:
             self.left_percent = None
             return
         if not self._samples or t_s - self._samples[-1][0] >= SAMPLE_S:
             self._samples.append((t_s, charge_percent))
         self.drain_percent_per_s = self._drain()
-        if self.drain_percent_per_s is None or way_home_m is None:
+        if self.drain_percent_per_s is None or way_home_s is None:
             self.left_percent = None
             return
-        elapsed_s = t_s - self._began[0]
-        speed_mps = max(LEAST_MPS, (flown_m - self._began[1]) / elapsed_s if elapsed_s > 0.0 else LEAST_MPS)
-        self.left_percent = charge_percent - self.drain_percent_per_s * (way_home_m / speed_mps + LANDING_S)
+        self.left_percent = charge_percent - self.drain_percent_per_s * (way_home_s + LANDING_S)
 
     @property
     def is_due(self) -> bool:
