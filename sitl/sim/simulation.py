@@ -175,7 +175,7 @@ class Simulation:
     def come_home(
         self, show: Callable[[Progress], None] | None = None, stop: Callable[[], bool] = lambda: False
     ) -> None:
-        """After `run`, fly every vehicle home, where `mission.end_action` says so and the exploring has not ended in a failure.
+        """After `run`, fly every vehicle home, where `mission.end_action` says so and nothing has failed.
 
         Args:
             show: called every `CHECK_PERIOD_S` of simulated time.
