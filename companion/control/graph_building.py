@@ -68,6 +68,7 @@ class NavigationGraph:
         self._edges: list[Edge] = []
         self._numbers: dict[tuple[EdgeKind, End, End, int], int] = {}
         self._exits = ExitTable(most_exits)
+        self._is_open = True
         self._leg: _Leg | None = None
         self._near: tuple[int, float] | None = None
         self._here = Pose(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -80,8 +81,14 @@ class NavigationGraph:
 
     # What the navigator tells.
 
+    def close(self) -> None:
+        """The exploring is over: what is flown from now on is known already, and not entered."""
+        self._is_open = False
+
     def fly(self, measurement: Measurement, pose: Pose, t_s: float) -> None:
         """Every sampling period in which the navigator steers, before what it decides in it."""
+        if not self._is_open:
+            return
         self._t_s = t_s
         pose = self._known(pose)
         if measurement.h_m is not None and abs(measurement.h_m) < ABSURD:
@@ -110,7 +117,7 @@ class NavigationGraph:
             pose: of now.
         """
         leg, pose = self._leg, self._known(pose)
-        if leg is None:
+        if leg is None or not self._is_open:
             return
         self._advance(leg, pose)
         kind = _kind(mode, target)
@@ -136,7 +143,7 @@ class NavigationGraph:
             pose: of now.
         """
         leg, pose = self._leg, self._known(pose)
-        if leg is None:
+        if leg is None or not self._is_open:
             return
         self._advance(leg, pose)
         number = self._vertex_at(pose, leg.gamma)
@@ -151,6 +158,8 @@ class NavigationGraph:
 
     def glimpse(self, x_m: float, y_m: float, gamma: int, pose: Pose) -> None:
         """A tangent was seen, and no free corridor to its T_m."""
+        if not self._is_open:
+            return
         self._exits.glimpse(self._sighting(EdgeKind.TANGENT, x_m, y_m, gamma, self._known(pose)))
 
     def snapshot(self) -> Graph:

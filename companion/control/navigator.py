@@ -144,6 +144,7 @@ class Navigator:
         homeward = self.homing.begin(t_s)
         if homeward is None:
             return False
+        self.graph.close()
         self._decisions = homeward
         self._way = KnownWay(self.parameters, homeward)
         if self._mode is Mode.TANGENT:
@@ -181,9 +182,9 @@ class Navigator:
         self._count_turning(pose)
         self._decisions.see(measurement, pose)
         self.homing.pace(pose, self._mode is Mode.TANGENT and abs(self._target_bearing_rad(pose)) < FACED_RAD)
+        self.graph.fly(measurement, pose, t_s)
         if self.homing.homeward is None:
             self.homing.fly_out(measurement, pose)
-            self.graph.fly(measurement, pose, t_s)
         elif self.homing.has_arrived(pose, t_s):
             if self.homing.home is not None and self.homing.to_go_m(pose) < GONE_M:
                 self._standing.keep_at(self.homing.home.x_m, self.homing.home.y_m, pose.z_m)
@@ -465,8 +466,7 @@ class Navigator:
         self._laps.begin()
         if mode is not Mode.TANGENT:
             self._target = None
-        if self.homing.homeward is None:
-            self.graph.enter(mode, self._gamma, self._target, pose)
+        self.graph.enter(mode, self._gamma, self._target, pose)
         if mode is Mode.CIRCLE:
             self._circle_direction = self._either_side()
             self._panorama.begin()

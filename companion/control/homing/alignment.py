@@ -26,7 +26,10 @@ LEAST_POINTS, LEAST_SHARE = 30, 0.55
 """A place is recognised by so many points of walls, so much of which lies on known walls."""
 
 REACH_M, REACH_RAD = 0.3, math.radians(4.0)
-"""So far it may be off at each comparison, and by the drift of the way since the look that is compared with."""
+"""So far it may be off at each comparison, and by the drift of the way since walls last told the place."""
+
+TOLD_BY = 0.08
+"""Walls tell a place when so much less of them agrees beside it; along a smooth drift they do not."""
 
 
 class Alignment:
@@ -90,6 +93,8 @@ class Alignment:
                 continue
             found = match(look_m, (here.x_m, here.y_m), known_m, reach_m, REACH_RAD)
             if found.share >= LEAST_SHARE:
+                if found.better_by >= TOLD_BY:
+                    self._since_m = 0.0
                 self._take(found, piece, here, measurement.h_m)
                 return True
         return False
@@ -110,5 +115,5 @@ class Alignment:
         nearest = min(piece, key=lambda look: math.hypot(look.place.x_m - at_x_m, look.place.y_m - at_y_m))
         if math.hypot(nearest.place.x_m - at_x_m, nearest.place.y_m - at_y_m) <= 1.5:
             self._z_m += nearest.place.ground_m - (here.z_m - h_m)
-        self._reference_way_m, self._since_m = nearest.way_m, 0.0
+        self._reference_way_m = nearest.way_m
         self.matches += 1

@@ -10,18 +10,21 @@ from numpy.typing import NDArray
 
 from companion.compiled import compiled
 
-CELL_M = 0.1
+CELL_M = 0.05
 """Side of the cells in which walls are compared."""
 
-NEAR_CELLS = 2
+NEAR_CELLS = 4
 """A wall is the same up to so many cells away, the less the further."""
 
 COARSE_M, FINE_M = 0.2, 0.05
 COARSE_RAD, FINE_RAD = math.radians(2.0), math.radians(0.5)
 
-PER_M, PER_RAD = 0.25, 0.1
-"""What a look must agree better by for each metre and radian that it is to be moved: along a smooth drift nothing says
-how far, and then it stays."""
+FAR_SHARE, PER_RAD = 0.1, 0.1
+"""What a look must agree better by to be moved as far as it may be off, and for each radian: along a smooth drift
+nothing says how far, and then it stays."""
+
+ROUND_M, ROUND = 0.4, 8
+"""A place is told by its walls when they agree less so far to any side of it."""
 
 Points = NDArray[np.float64]
 
@@ -33,12 +36,14 @@ class Match(NamedTuple):
         x_m, y_m: by how much it is to be moved.
         turn_rad: by how much it is to be turned, about where it was made.
         share: of its walls that lie on walls then, from 0 to 1.
+        better_by: as much less of them does `ROUND_M` beside, to whichever side: 0 along a smooth drift.
     """
 
     x_m: float
     y_m: float
     turn_rad: float
     share: float
+    better_by: float
 
 
 def match(look_m: Points, at_m: tuple[float, float], known_m: Points, reach_m: float, reach_rad: float) -> Match:
@@ -56,9 +61,13 @@ def match(look_m: Points, at_m: tuple[float, float], known_m: Points, reach_m: f
     columns, rows = (int(size) for size in np.ceil((high - low) / CELL_M))
     likeness = _likeness(known_m - low, rows, columns)
     about, centre = look_m - np.asarray(at_m), np.asarray(at_m) - low
-    rough = _best(likeness, about, centre, (0.0, 0.0, 0.0), (reach_m, COARSE_M), (reach_rad, COARSE_RAD))
-    found = _best(likeness, about, centre, rough[:3], (COARSE_M, FINE_M), (COARSE_RAD, FINE_RAD))
-    return Match(*(float(value) for value in found))
+    per_m = FAR_SHARE / reach_m
+    rough = _best(likeness, about, centre, (0.0, 0.0, 0.0), (reach_m, COARSE_M), (reach_rad, COARSE_RAD), per_m)
+    x_m, y_m, turn_rad, share = _best(
+        likeness, about, centre, rough[:3], (COARSE_M, FINE_M), (COARSE_RAD, FINE_RAD), per_m
+    )
+    beside = _beside(likeness, about, centre, (x_m, y_m, turn_rad))
+    return Match(float(x_m), float(y_m), float(turn_rad), float(share), float(share - beside))
 
 
 @compiled
@@ -75,6 +84,34 @@ def _likeness(known_m: Points, rows: int, columns: int) -> NDArray[np.uint8]:
 
 
 @compiled
+def _share(likeness: NDArray[np.uint8], x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
+    """How well points in cells lie on walls, from 0 to 1."""
+    rows, columns = likeness.shape
+    total = 0
+    for n in range(x.size):
+        row, column = int(y[n]), int(x[n])
+        if 0 <= row < rows and 0 <= column < columns:
+            total += likeness[row, column]
+    return total / ((NEAR_CELLS + 1.0) * x.size)
+
+
+@compiled
+def _beside(
+    likeness: NDArray[np.uint8], about_m: Points, centre_m: NDArray[np.float64], at: tuple[float, float, float]
+) -> float:
+    """The best share `ROUND_M` beside a place, of `ROUND` sides."""
+    cos, sin = np.cos(at[2]), np.sin(at[2])
+    x = (centre_m[0] + at[0] + cos * about_m[:, 0] - sin * about_m[:, 1]) / CELL_M
+    y = (centre_m[1] + at[1] + sin * about_m[:, 0] + cos * about_m[:, 1]) / CELL_M
+    best = 0.0
+    for k in range(ROUND):
+        angle_rad = 2.0 * np.pi * k / ROUND
+        beside = ROUND_M / CELL_M
+        best = max(best, _share(likeness, x + beside * np.cos(angle_rad), y + beside * np.sin(angle_rad)))
+    return best
+
+
+@compiled
 def _best(
     likeness: NDArray[np.uint8],
     about_m: Points,
@@ -82,9 +119,9 @@ def _best(
     first: tuple[float, float, float],
     shift: tuple[float, float],
     turn: tuple[float, float],
+    per_m: float,
 ) -> tuple[float, float, float, float]:
     """Shift (x, y) and turn of the best likeness, and that: of all within a reach, in steps, (reach, step) each."""
-    rows, columns = likeness.shape
     shifts, turns = int(np.ceil(shift[0] / shift[1])), int(np.ceil(turn[0] / turn[1]))
     best, best_share = -np.inf, 0.0
     found = (first[0], first[1], first[2])
@@ -98,13 +135,8 @@ def _best(
                 x_m, y_m = first[0] + i * shift[1], first[1] + j * shift[1]
                 if x_m * x_m + y_m * y_m > (shift[0] + np.hypot(first[0], first[1])) ** 2:
                     continue
-                total = 0
-                for n in range(about_m.shape[0]):
-                    row, column = int(y[n] + y_m / CELL_M), int(x[n] + x_m / CELL_M)
-                    if 0 <= row < rows and 0 <= column < columns:
-                        total += likeness[row, column]
-                share = total / ((NEAR_CELLS + 1.0) * about_m.shape[0])
-                worth = share - PER_M * np.hypot(x_m, y_m) - PER_RAD * abs(turn_rad)
+                share = _share(likeness, x + x_m / CELL_M, y + y_m / CELL_M)
+                worth = share - per_m * np.hypot(x_m, y_m) - PER_RAD * abs(turn_rad)
                 if worth > best:
                     best, best_share, found = worth, share, (x_m, y_m, turn_rad)
     return found[0], found[1], found[2], best_share

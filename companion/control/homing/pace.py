@@ -36,7 +36,7 @@ class Pace:
 
     @property
     def speed_mps(self) -> float:
-        """Of the straights so far, by the way and not by the time: on a long way home little time goes into starting."""
+        """Of the straights so far, by the way and not by the time: on a long way little time goes into starting."""
         known = self._time_s >= LEAST_S and self._flown_m > 0.0
         return self._weighed / self._flown_m if known else self._first_mps
 
