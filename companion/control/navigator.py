@@ -133,9 +133,12 @@ class Navigator:
         """What was seen of the ground and not looked into, for a vehicle that is here at the end."""
         return self._choice.left_out(pose)
 
-    def way_home(self, measurement: Measurement, pose: Pose) -> WayHome | None:
-        """How far home is over what is known, and how long that takes; None where no way is known."""
-        return self.homing.way_home(measurement, pose, measurement.t_s)
+    def way_home(self, measurement: Measurement, pose: Pose, anew: bool = False) -> WayHome | None:
+        """How far home is over what is known, and how long that takes; None where no way is known.
+
+        It is searched every ten seconds, or anew; in between it grows by what is flown.
+        """
+        return self.homing.way_home(measurement, pose, measurement.t_s, anew)
 
     def go_home(self, t_s: float) -> bool:
         """From now on fly to where the flight began; False where nobody knows where that is."""

@@ -57,7 +57,7 @@ class ComingHome:
             began_s=t_s,
             path_m=path_m,
             ticks=len(flight.log),
-            way=flight.way_home(),
+            way=flight.way_home(anew=True),
             promised_percent=flight.reserve.left_percent,
         )
         self.ended_because = "" if flight.navigator.go_home(t_s) else "home not known"

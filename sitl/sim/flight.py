@@ -111,9 +111,9 @@ class Flight:
         self._reckon(true.t_s)
         self._check_contact()
 
-    def way_home(self) -> WayHome | None:
-        """How far it takes home to be; None while it knows no way."""
-        return None if self.measurement is None else self.navigator.way_home(self.measurement, self.estimated)
+    def way_home(self, anew: bool = False) -> WayHome | None:
+        """How far it takes home to be, as of the last ten seconds or of now; None while it knows no way."""
+        return None if self.measurement is None else self.navigator.way_home(self.measurement, self.estimated, anew)
 
     def home_pose(self) -> Pose:
         """Where it takes itself to be on its way home."""
@@ -124,8 +124,12 @@ class Flight:
         if percent is None or t_s < self._next_reckoning_s:
             return
         self._next_reckoning_s = t_s + RECKONING_PERIOD_S
-        way = self.way_home()
-        self.reserve.update(t_s, percent, None if way is None else way.time_s)
+        # Nobody turns back for a way that has become shorter meanwhile.
+        for anew in (False, True) if self.navigator.homing.homeward is None else (False,):
+            way = self.way_home(anew)
+            self.reserve.update(t_s, percent, None if way is None else way.time_s)
+            if not self.reserve.is_due:
+                break
 
     def report(self) -> Report:
         """Where the vehicle tells the others that it is."""

@@ -89,13 +89,14 @@ class Homing:
         self._keyframes.see(measurement, pose)
         self._ground.fly(here)
 
-    def way_home(self, measurement: Measurement, pose: Pose, t_s: float) -> WayHome | None:
+    def way_home(self, measurement: Measurement, pose: Pose, t_s: float, anew: bool = False) -> WayHome | None:
         """How far home is from here, by what is known; None where no way is.
 
         Args:
             measurement: of now.
             pose: by the autopilot's position.
             t_s: now.
+            anew: search now, though the last search was a moment ago.
         """
         if self.home is None or measurement.h_m is None:
             return None
@@ -105,7 +106,9 @@ class Homing:
             return None if route is None else WayHome(route.length_m, self._pace.takes_s(route))
         if self._reckoning is None:
             self._reckoning = Homeward(self._parameters, self._ground, self.home)
-        if t_s >= self._next_route_s:
+        if anew:
+            self._reckoning.look_again()
+        if anew or t_s >= self._next_route_s:
             self._next_route_s = t_s + ROUTE_PERIOD_S
             found = self._reckoning.route(Place.under(pose, measurement.h_m), pose.yaw_rad, t_s)
             if found is not None:
