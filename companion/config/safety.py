@@ -288,6 +288,13 @@ class SafetySettings(Section):
         description="how far it goes on after it has braked until its place is kept, in m: PX4 was measured to creep "
         "at 0.06 m/s, a place is kept after 2 s at most, and its position is wrong by some centimetres",
     )
+    hold_creep_m: float = Field(
+        0.25,
+        ge=0.0,
+        le=2.0,
+        description="the same in a mode of the autopilot's own, in m: hold, land, its failsafe when setpoints stop. "
+        "PX4 was measured to wander so far, ArduCopter less than 0.15; pre-flight refuses less than that",
+    )
     attached: tuple[AttachedSettings, ...] = Field(
         (),
         max_length=8,

@@ -17,8 +17,16 @@ ROOM_M = 0.05
 """The vehicle brakes, and makes room, for so much more than d_c: it overshoots by a centimetre or two, and what carries
 it, 0.05 m/s in a draught, then holds it outside of d_c."""
 
+ROOM_SHARE = 0.3
+"""Of what d_s leaves beyond d_c, at most: between the walls of a narrow place more would be all the room there is."""
+
 TIGHT_SHARE = 0.85
 """Of d_c: so near to rock a vehicle that is in a place without room may still fly out of it, if it comes no nearer."""
+
+
+def room_m(parameters: Parameters) -> float:
+    """How much more than d_c is kept."""
+    return min(ROOM_M, ROOM_SHARE * (parameters.margin_m - parameters.critical_margin_m))
 
 
 def braking_speed_mps(room_m: float, reaction_s: float, brake_mps2: float) -> float:
@@ -89,7 +97,7 @@ def governed_speed_mps(
     # Already nearer than that, the vehicle must still be able to leave: it only may not come nearer.
     keep_m = min(parameters.margin_m - governor.side_margin_m, nearest_m)
     lead_m = max(forward_mps, 0.0) * governor.reaction_s
-    critical_m = parameters.critical_margin_m + ROOM_M
+    critical_m = parameters.critical_margin_m + room_m(parameters)
     if escapes:
         critical_m = max(TIGHT_SHARE * parameters.critical_margin_m, min(critical_m, nearest_m))
     way_m, left_m, right_m = _room(scan, critical_m, keep_m, lead_m)

@@ -6,7 +6,7 @@ import math
 
 from companion.control import edges
 from companion.control.decisions import Decisions
-from companion.control.governor import ROOM_M
+from companion.control.governor import room_m
 from companion.control.informed import Way
 from companion.control.known_ground import Place
 from companion.control.parameters import Parameters
@@ -61,7 +61,7 @@ class KnownWay:
         """
         bearing_rad = target.bearing_rad(pose)
         to_go_m = min(math.hypot(target.x_m - pose.x_m, target.y_m - pose.y_m), CONFIRMED_M)
-        half_width_m = self._parameters.critical_margin_m + ROOM_M
+        half_width_m = self._parameters.critical_margin_m + room_m(self._parameters)
         has_room = measurement.d_m is None or measurement.d_m >= self._parameters.critical_margin_m
         if has_room and (
             abs(bearing_rad) > FACED_RAD or edges.corridor_is_free(scan, bearing_rad, to_go_m, half_width_m)

@@ -47,15 +47,17 @@ def cruising_rate_mps(d_bearing_rad: float, parameters: Parameters) -> float:
     return -parameters.speed_mps * math.cos(d_bearing_rad)
 
 
-def sliding_mps(d_m: float, d_dot_mps: float, parameters: Parameters) -> float:
+def sliding_mps(d_m: float, d_dot_mps: float, parameters: Parameters, margin_m: float | None = None) -> float:
     """ḋ + X(d - d_s) of paper eq. (7), R3: zero where the wall is approached as fast as it shall be.
 
     Args:
         d_m: distance to the obstacle.
         d_dot_mps: its rate of change.
         parameters: the law's settings.
+        margin_m: the distance to keep, None: d_s.
     """
-    x_mps = closing_speed_mps(d_m - parameters.margin_m, parameters.closing_gain_per_s, parameters.closing_saturation_m)
+    keep_m = parameters.margin_m if margin_m is None else margin_m
+    x_mps = closing_speed_mps(d_m - keep_m, parameters.closing_gain_per_s, parameters.closing_saturation_m)
     return d_dot_mps + x_mps
 
 
@@ -68,7 +70,11 @@ def boundary_yaw_rate_radps(gamma: int, d_m: float, d_dot_mps: float, parameters
         d_dot_mps: its rate of change.
         parameters: the law's settings.
     """
-    sliding = sliding_mps(d_m, d_dot_mps, parameters)
+    return following_yaw_rate_radps(gamma, sliding_mps(d_m, d_dot_mps, parameters), parameters)
+
+
+def following_yaw_rate_radps(gamma: int, sliding: float, parameters: Parameters) -> float:
+    """Paper eq. (7), R3, of a sliding variable that is known, in m/s: negative turns away from the wall of Γ."""
     if parameters.law == "paper":
         return gamma * sign(sliding) * parameters.max_yaw_rate_radps
     return gamma * saturation(sliding / parameters.boundary_layer_mps) * parameters.max_yaw_rate_radps

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from companion.control.governor import ROOM_M
+from companion.control.governor import room_m
 from companion.control.parameters import Parameters
 from companion.model import HIT, Pose, Scan, Setpoint
 from companion.sides import AWAY_PER_S, Sides, away_mps
@@ -34,7 +34,7 @@ class Standing:
     """
 
     def __init__(self, parameters: Parameters) -> None:
-        self._keep_m = parameters.critical_margin_m + ROOM_M
+        self._keep_m = parameters.critical_margin_m + room_m(parameters)
         self._speed_mps = parameters.speed_mps
         self._most_mps = min(AWAY_MPS, parameters.speed_mps)
         self._makes_room = parameters.law != "paper"

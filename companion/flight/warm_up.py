@@ -22,6 +22,7 @@ from companion.config.settings import Settings
 from companion.control.edges import Edge, corridor_is_free, lies_along_boundary, open_direction
 from companion.control.informed import WallFollowing, find_ways
 from companion.control.known_ground import KnownGround, Place
+from companion.control.narrow import width_m
 from companion.geometry import pixel_tangents, rotation
 from companion.mapping import VoxelMap
 from companion.mapping.files import write_map
@@ -151,7 +152,7 @@ def fly(settings: Settings, flight_s: float) -> tuple[VoxelMap, Floats]:
 
 
 def _decide(measurement: Measurement, pose: Pose, settings: Settings) -> None:
-    """What the law asks at tangents and in dead ends: whether a short flight meets any is left to chance."""
+    """What the law asks at tangents, at walls and in dead ends: whether a short flight meets any is left to chance."""
     scan = measurement.scan
     if scan is None:
         return
@@ -160,6 +161,7 @@ def _decide(measurement: Measurement, pose: Pose, settings: Settings) -> None:
     corridor_is_free(scan, edge.target_bearing_rad, edge.target_range_m, margin_m)
     lies_along_boundary(scan, edge, margin_m)
     open_direction(scan, critical_margin_m)
+    width_m(scan, 1, settings.control)
     ground = KnownGround()
     for x_m in (-8.0, -6.0, -4.0, -2.0):
         ground.see(measurement, replace(pose, x_m=x_m))

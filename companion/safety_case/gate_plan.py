@@ -94,6 +94,7 @@ def to_basis(settings: Settings) -> Basis:
             creep_mps=control.governor.least_speed_mps,
         ),
         body_radius_m=settings.vehicle.body_radius_m,
+        hold_creep_m=settings.safety.hold_creep_m,
         pose_period_s=1.0 / settings.autopilot.position_hz,
         estimator_period_s=1.0 / ESTIMATOR_HZ,
     )

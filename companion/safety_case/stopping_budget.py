@@ -22,10 +22,10 @@ from companion.gate.plan import CYCLE_S, Plan
 
 SILENCE_EXTRA_S = 0.12
 """PX4 acted 0.03 to 0.12 s after its COM_OF_LOSS_T; ArduCopter no later than that after its GUID_TIMEOUT."""
-MODE_BRAKE_MPS2, MODE_CREEP_M = 0.38, 0.25
-"""How they stop, and how far they wander then, in a mode of their own, whether it was ordered or is their failsafe:
-PX4's hold from 0.4 m/s stood after 0.27 m and went on to 0.48 m; 0.67 s of silence and it had gone 0.70 m from 0.39.
-Both hold up to 2 m/s (`python -m validation.real.braking`)."""
+MODE_BRAKE_MPS2 = 0.38
+"""How they stop in a mode of their own, whether it was ordered or is their failsafe: PX4's hold from 0.4 m/s stood
+after 0.27 m and went on to 0.48 m; 0.67 s of silence and it had gone 0.70 m from 0.39. With `Basis.hold_creep_m` both
+hold up to 2 m/s (`python -m validation.real.braking`)."""
 
 DRIFT_MPS = 0.17
 """How fast the place drifts that nothing measures any more: ArduCopter was measured to drift at 0.1 to 0.17 m/s."""
@@ -83,12 +83,14 @@ class Basis:
     Attributes:
         law: which speed it allows where.
         body_radius_m: of the vehicle.
+        hold_creep_m: how far the autopilot wanders in a mode of its own, after it has braked.
         pose_period_s: between two positions of the autopilot.
         estimator_period_s: between two of its words about its estimator.
     """
 
     law: Law
     body_radius_m: float
+    hold_creep_m: float
     pose_period_s: float
     estimator_period_s: float
 
@@ -210,7 +212,7 @@ def _cases(plan: Plan, basis: Basis) -> Iterator[Case]:
     reaction_s = CYCLE_S + plan.period_s
     # A vehicle that brakes worse than the autopilots were measured to does so in their failsafe too.
     stop = plan.stopping
-    mode_mps2, mode_creep_m = min(MODE_BRAKE_MPS2, stop.brake_mps2), max(MODE_CREEP_M, stop.creep_m)
+    mode_mps2, mode_creep_m = min(MODE_BRAKE_MPS2, stop.brake_mps2), max(basis.hold_creep_m, stop.creep_m)
     noticed = {
         Fault.SETPOINT_LATE: Noticed(limit.setpoint_s + limit.pose_s, (stale + "setpoint_s", stale + "pose_s")),
         # Never sent on; what went before it is a period old at most.

@@ -29,7 +29,7 @@ def claimed(folder: Path, campaign: Campaign) -> Iterator[Ledger]:
         try:
             yield ledger
         finally:
-            if new and not ledger.rows:
+            if new and not ledger.rows and {*folder.iterdir()} == {ledger.path, folder / IDENTITY}:
                 ledger.path.unlink()
                 (folder / IDENTITY).unlink()
                 if made:

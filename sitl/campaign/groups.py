@@ -50,18 +50,46 @@ class Group:
 
     def arrived_s(self) -> list[float]:
         """t_f of every mission that was flown, sorted: endless where the map did not become complete."""
-        times_s = (number(row, "completed_at_s") for row in self.flown)
-        return sorted(math.inf if time_s is None else time_s for time_s in times_s)
+        return self.of_complete("completed_at_s")
 
     def time_quantile_s(self, share: float) -> float:
         """The time within which this share of the missions was complete; endless where it was not reached."""
-        times_s = self.arrived_s()
-        return times_s[math.ceil(share * len(times_s)) - 1] if times_s else math.inf
+        return quantile(self.arrived_s(), share)
+
+    def of_complete(self, name: str, beside: str | None = None) -> list[float]:
+        """A figure of every mission that was flown, sorted: endless where the map did not become complete.
+
+        Args:
+            name: of the figure.
+            beside: a figure that must be known of a mission for it to count, as the tour's where it is a ratio.
+        """
+        counted = [row for row in self.flown if beside is None or number(row, beside) is not None]
+        found = (math.inf if number(row, "completed_at_s") is None else number(row, name) for row in counted)
+        return sorted(value for value in found if value is not None)
+
+    def mean_over_time(self, name: str) -> float | None:
+        """The mean of a share of the time, each mission by how long it flew."""
+        known = [
+            (share, time_s)
+            for row in self.flown
+            if (share := number(row, name)) is not None and (time_s := number(row, "sim_time_s"))
+        ]
+        return sum(share * time_s for share, time_s in known) / sum(time_s for _, time_s in known) if known else None
+
+    def farthest(self, name: str) -> float | None:
+        """The value of a figure that is farthest from 0, where it is known of any mission."""
+        return max(self.figures(name), key=abs, default=None)
 
     def median(self, name: str) -> float | None:
         """The median of a figure, where it is known of any mission."""
         values = self.figures(name)
         return statistics.median(values) if values else None
+
+
+def quantile(values: Sequence[float], share: float) -> float:
+    """The least of sorted values which this share of them does not exceed; endless where there are none."""
+    # What is off by rounding must not be the next one: 0.07 * 100 is 7.000000000000001.
+    return values[max(math.ceil(share * len(values) - 1e-9), 1) - 1] if values else math.inf
 
 
 def kinds(campaign: Campaign, rows: Sequence[Row]) -> list[Group]:

@@ -10,7 +10,7 @@ import fcntl
 import json
 import os
 from pathlib import Path
-from typing import Self
+from typing import IO, Self
 
 from companion.errors import CompanionError, InputError
 from companion.mapping.journal.segment import sync_folder
@@ -28,20 +28,21 @@ class Ledger:
 
     Args:
         folder: the campaign's; the file is made in it where it is missing.
+        name: of the file.
 
     Raises:
         InputError: another command has it open, it cannot be opened, or it is damaged.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.path = folder / NAME
+    def __init__(self, folder: Path, name: str = NAME) -> None:
+        self.rows: dict[int, Row] = {}
+        self.path = folder / name
         try:
             self._file = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         except OSError as error:
             raise InputError(f"{self.path}: {error.strerror}; give a folder that you may write") from None
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            self.rows: dict[int, Row] = {}
             self._end = self._read()
             os.ftruncate(self._file, self._end)
             sync_folder(folder)
@@ -80,17 +81,35 @@ class Ledger:
 
     def _read(self) -> int:
         """Read what is there; return where the last whole line ends."""
-        end = 0
         with os.fdopen(os.dup(self._file), "rb") as file:
-            for number, line in enumerate(file, start=1):
-                if not line.endswith(b"\n"):
-                    break  # its writer was killed; the mission is flown again
-                try:
-                    row = json.loads(line)
-                    self.rows[int(row["mission"])] = row
-                except (ValueError, KeyError, TypeError):
-                    raise InputError(
-                        f"{self.path}:{number}: damaged; delete this line, and its mission is flown again"
-                    ) from None
-                end += len(line)
+            self.rows, end = _whole_rows(file, self.path)
         return end
+
+
+def read(folder: Path, name: str) -> dict[int, Row]:
+    """The rows of a file that nobody has open, by the number of their mission; none where it is missing.
+
+    Raises:
+        InputError: it is damaged.
+    """
+    try:
+        with (folder / name).open("rb") as file:
+            return _whole_rows(file, folder / name)[0]
+    except FileNotFoundError:
+        return {}
+
+
+def _whole_rows(file: IO[bytes], path: Path) -> tuple[dict[int, Row], int]:
+    """The rows of all whole lines, and where the last of these ends."""
+    rows: dict[int, Row] = {}
+    end = 0
+    for number, line in enumerate(file, start=1):
+        if not line.endswith(b"\n"):
+            break  # its writer was killed; the mission is flown again
+        try:
+            row = json.loads(line)
+            rows[int(row["mission"])] = row
+        except (ValueError, KeyError, TypeError):
+            raise InputError(f"{path}:{number}: damaged; delete this line, and its mission is flown again") from None
+        end += len(line)
+    return rows, end

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from companion.mapping.files.whole import whole_file
-from sitl.campaign.bounds import CONFIDENCE, at_most, wilson
-from sitl.campaign.curves import bands, completeness_picture, shares_picture, times_picture
+from sitl.campaign.curves import bands, completeness_picture, ratios_picture, shares_picture, times_picture
+from sitl.campaign.group_tables import group_tables
 from sitl.campaign.groups import Group, cells, kinds, variant_name, world_name
 from sitl.campaign.mission import Campaign, Row
+from sitl.campaign.words import below, metres, share, sure, time, unit, within
 from sitl.campaign.worst import Worst, again, worst_of, write_settings
 from sitl.report import html
-from sitl.report.cards import UNKNOWN, Card, State, seconds
+from sitl.report.cards import UNKNOWN, Card, State, number
 from sitl.report.html import Picture, Section
+from sitl.sim.simulation import COMPLETE_SHARE
 
 REPORT = "report.html"
 
@@ -23,10 +24,7 @@ _FILES = (
     ("missions.jsonl", "the same in the order in which they ended; what the campaign goes on from"),
     ("campaign.json", "what was asked for, and of which software"),
 )
-_HEADINGS = (
-    *("group", "missions", "failed", "complete", "contacts", "t_f median", "t_f 90 %", "t_f worst"),
-    *("way median", "way longest", "least distance", "least completeness"),
-)
+_TOURS_FILE = ("tours.jsonl", "the tours that the missions are compared with")
 
 
 def write_report(folder: Path, campaign: Campaign, rows: Sequence[Row]) -> None:
@@ -50,10 +48,11 @@ def _page(folder: Path, campaign: Campaign, rows: Sequence[Row], worst: Sequence
     # Workers of a cluster that came later may have brought another one.
     software = " and ".join(sorted({str(row["software"]) for row in everything.flown}))
     facts = f"{worlds} world{'s' * (worlds != 1)} · {compared} · software {software or UNKNOWN}"
+    toured = any("tour_time_s" in row for row in rows)
     times = Picture(
         times_picture(groups),
         "The share of the missions whose map was complete after the time below: look for curves that rise late, and "
-        f"for those that end below 100 %. {bands(groups)}".rstrip(),
+        f"for those that end below 100 %, where missions did not become complete. {bands(groups)}",
     )
     named = [
         (str(one.mission.number), world_name(one.row), str(one.mission.seed), variant_name(campaign, one.row),
@@ -64,14 +63,52 @@ def _page(folder: Path, campaign: Campaign, rows: Sequence[Row], worst: Sequence
         title,
         f"""{html.headline(title, state, sentence, facts, _cards(everything, len(campaign.missions)))}
 {html.section(Section("How long it took", [times]))}
-{html.section(Section("The way flown, the map, and the walls", list(_halves(groups))))}
+{"".join(_compared(groups, rows))}
 <h2>Groups</h2>
-{html.table(_HEADINGS, [_line(group) for group in [*cells(campaign, rows), everything]])}
+{group_tables(_groups_of_tables(groups, cells(campaign, rows), everything), toured)}
+{html.section(Section("The way flown, the map, and the walls", list(_halves(groups))))}
 <h2>The worst missions, and how to fly them again</h2>
 {html.table(("mission", "world", "seed", "of group", "why", "command"), named, code=(5,))}
 <h2>Files beside this report</h2>
-{html.links(_FILES)}""",
+{html.links([*_FILES, _TOURS_FILE] if toured else _FILES)}""",
     )
+
+
+def _groups_of_tables(groups: Sequence[Group], small: Sequence[Group], everything: Group) -> list[Group]:
+    """All missions, then what is compared, then what that is in each world; nothing twice."""
+    listed = {frozenset(id(row) for row in group.rows): group for group in (*small, *groups, everything)}
+    order = [everything, *groups, *small]
+    return [group for group in order if listed[frozenset(id(row) for row in group.rows)] is group]
+
+
+def _compared(groups: Sequence[Group], rows: Sequence[Row]) -> Iterator[str]:
+    """How the missions compare with the tours, where there are any; and of which worlds there is none."""
+    if not any("tour_time_s" in row for row in rows):
+        return
+    never = "Missions whose map did not become complete never arrive."
+    tour = "a good inspection tour at the same speed, of who knew the mine before"
+    yield html.section(
+        Section(
+            "Compared with a good tour",
+            [
+                Picture(ratios_picture(groups, "time_ratio", "tour_time_s", "$t_f$ over the time of the tour"),
+                        f"The share of the missions that took at most so many times as long as {tour}. {never}", True),
+                Picture(ratios_picture(groups, "way_ratio", "tour_length_m", "way flown over the length of the tour"),
+                        f"The same of the way. {never}", True),
+            ],
+        )
+    )  # fmt: skip
+    missing = dict.fromkeys(world_name(row) for row in rows if number(row, "tour_time_s") is None)
+    blind = dict.fromkeys(
+        world_name(row) for row in rows if (seen := number(row, "tour_share")) is not None and seen < COMPLETE_SHARE
+    )
+    if missing:
+        yield html.paragraph(f"No tour was found of: {', '.join(missing)}. Their missions have no ratios.")
+    if blind:
+        yield html.paragraph(
+            f"The tour sees less than {COMPLETE_SHARE:.0%} of what is visible, and is too short to compare with, in: "
+            f"{', '.join(blind)}."
+        )
 
 
 def _halves(groups: Sequence[Group]) -> Iterator[Picture]:
@@ -133,73 +170,26 @@ def _verdict(everything: Group, asked: int) -> tuple[State, str]:
 def _cards(everything: Group, asked: int) -> list[Card]:
     flown, least_m = everything.flown, min(everything.figures("least_d_m"), default=None)
     critical_m = min(everything.figures("critical_margin_m"), default=None)
-    below = sum(float(str(row["in_d_c_share"])) > 0.0 for row in flown if row.get("in_d_c_share") is not None)
+    nearer = sum(float(str(row["in_d_c_share"])) > 0.0 for row in flown if row.get("in_d_c_share") is not None)
     way_m, simulated_s = everything.median("path_length_m"), sum(everything.figures("sim_time_s"))
     return [
         Card("Missions", f"{len(everything.rows)} of {asked}", f"{everything.failed} failed",
              State.BAD if everything.failed else State.GOOD),
-        Card("Map complete", _share(everything.complete, len(flown)), _between(everything.complete, len(flown)),
+        Card("Map complete", share(everything.complete, len(flown)),
+             f"{within(everything.complete, len(flown))} {sure()}",
              State.GOOD if everything.complete == len(everything.rows) else State.LOOK),
-        Card("Contacts", str(everything.contacts), _below(everything.contacts, len(flown)),
+        Card("Contacts", str(everything.contacts), f"{below(everything.contacts, len(flown))} {sure()}",
              State.BAD if everything.contacts else State.GOOD),
-        Card("Time to a complete map, t_f, median", _time(everything.time_quantile_s(0.5)),
-             f"90 % within {_time(everything.time_quantile_s(0.9))}, "
-             f"all within {_time(everything.time_quantile_s(1.0))}"),
-        Card("Least distance to a wall", _metres(least_m),
-             f"d_c is {_metres(critical_m)}; {below} missions came nearer",
+        Card("Time to a complete map, t_f, median", time(everything.time_quantile_s(0.5)),
+             f"90 % within {time(everything.time_quantile_s(0.9))}, "
+             f"all within {time(everything.time_quantile_s(1.0))}"),
+        Card("Least distance to a wall", metres(least_m),
+             f"d_c is {metres(critical_m)}; {nearer} missions came nearer",
              State.PLAIN if least_m is None or critical_m is None
              else State.GOOD if least_m >= critical_m else State.LOOK),
-        Card("Way flown, median", _metres(way_m, 0),
-             f"longest {_metres(max(everything.figures('path_length_m'), default=None), 0)}"),
-        Card("Mean speed, median", _unit(everything.median("speed_mps"), "m/s"), ""),
+        Card("Way flown, median", metres(way_m, 0),
+             f"longest {metres(max(everything.figures('path_length_m'), default=None), 0)}"),
+        Card("Mean speed, median", unit(everything.median("speed_mps"), "m/s"), ""),
         Card("Simulated", f"{simulated_s / 3600.0:.3g} h",
-             f"{_unit(everything.median('times_real_time'), '× real time', 0)}, each mission"),
+             f"{unit(everything.median('times_real_time'), '× real time', 0)}, each mission"),
     ]  # fmt: skip
-
-
-def _line(group: Group) -> tuple[str, ...]:
-    flown = len(group.flown)
-    return (
-        group.name,
-        str(len(group.rows)),
-        str(group.failed),
-        f"{group.complete} of {flown} ({_between(group.complete, flown)})",
-        f"{group.contacts} ({_below(group.contacts, flown)})",
-        *(_time(group.time_quantile_s(share)) for share in (0.5, 0.9, 1.0)),
-        _metres(group.median("path_length_m"), 0),
-        _metres(max(group.figures("path_length_m"), default=None), 0),
-        _metres(min(group.figures("least_d_m"), default=None)),
-        _unit(min(group.figures("completeness"), default=None), "", 4),
-    )
-
-
-def _share(count: int, of: int) -> str:
-    # Rounded down: one of thousands that is missing must not read as 100 %.
-    return _percent(math.floor(1000.0 * count / of) / 1000.0) if of else UNKNOWN
-
-
-def _between(count: int, of: int) -> str:
-    if not of:
-        return "none was flown"
-    low, high = wilson(count, of)
-    return f"{_percent(low)} to {_percent(high)} at {_percent(CONFIDENCE, 0)}"
-
-
-def _below(count: int, of: int) -> str:
-    return f"in at most {_percent(at_most(count, of), 2)} at {_percent(CONFIDENCE, 0)}" if of else "none was flown"
-
-
-def _percent(share: float, digits: int = 1) -> str:
-    return f"{100.0 * share:.{digits}f} %"
-
-
-def _time(time_s: float) -> str:
-    return seconds(time_s) if math.isfinite(time_s) else "not reached"
-
-
-def _metres(value: float | None, digits: int = 2) -> str:
-    return _unit(value, "m", digits)
-
-
-def _unit(value: float | None, unit: str, digits: int = 2) -> str:
-    return UNKNOWN if value is None else f"{value:.{digits}f} {unit}".rstrip()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Self
 
 from rich.console import Console
@@ -15,8 +15,14 @@ PLAIN_PERIOD_S = 30.0
 """Without a terminal one line is printed this often, and one at the end."""
 
 
+def outcomes(rows: Sequence[Row]) -> str:
+    """What became of missions."""
+    group = Group("all", rows)
+    return f"{group.complete} complete, {group.contacts} with a contact, {group.failed} failed"
+
+
 class CampaignProgress:
-    """A context manager that is told of every mission as it ends.
+    """A context manager that is told of every mission, or of whatever else a campaign does, as it ends.
 
     Args:
         console: where it is shown.
@@ -24,16 +30,27 @@ class CampaignProgress:
         there: rows of the missions that were there before.
         who: says who flies.
         clock: monotonic time in s.
+        what: of which there are that many.
+        counts: says what became of those that have ended.
     """
 
     def __init__(
-        self, console: Console, asked: int, there: list[Row], who: Callable[[], str], clock: Callable[[], float]
+        self,
+        console: Console,
+        asked: int,
+        there: list[Row],
+        who: Callable[[], str],
+        clock: Callable[[], float],
+        what: str = "missions",
+        counts: Callable[[Sequence[Row]], str] = outcomes,
     ) -> None:
         self._console = console
         self._asked = asked
         self._rows = list(there)
         self._who = who
         self._clock = clock
+        self._what = what
+        self._counts = counts
         self._before = len(there)
         self._began_s = clock()
         self._next_line_s = self._began_s
@@ -67,9 +84,8 @@ class CampaignProgress:
 
     def line(self, under_way: str = "") -> str:
         """Missions, and what became of them; first what is cut off last where a terminal is narrow."""
-        group = Group("all", self._rows)
-        counts = f"{group.complete} complete, {group.contacts} with a contact, {group.failed} failed"
-        return f"{', '.join(filter(None, (f'{len(self._rows)} of {self._asked} missions', under_way)))}: {counts}"
+        parts = filter(None, (f"{len(self._rows)} of {self._asked} {self._what}", under_way))
+        return f"{', '.join(parts)}: {self._counts(self._rows)}"
 
     def _under_way(self) -> str:
         return f"{self._left()}, {self._who()}"

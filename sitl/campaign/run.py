@@ -1,4 +1,4 @@
-"""Flies the missions of a campaign that have no row yet, and keeps the row of each as soon as it has ended."""
+"""Flies missions of a campaign, or does something else for each, and keeps the row of each as soon as it has ended."""
 
 from __future__ import annotations
 
@@ -54,9 +54,7 @@ def run(
                 if deaths[mission.number] < TRIES:
                     waiting.appendleft(mission)
                     continue
-                figures = failure(
-                    f"the process that flew it died, {TRIES} times; it may have had too little memory", str(error)
-                )
+                figures = failure(f"its process died, {TRIES} times; it may have had too little memory", str(error))
             except CancelledError:
                 # A scheduler that went away takes its futures along; `check` says so if it stays away.
                 waiting.appendleft(mission)

@@ -6,6 +6,7 @@ import os
 import shlex
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -16,13 +17,13 @@ from companion.cli.options import Config
 from companion.config.source import as_yaml
 from companion.errors import CompanionError, InputError
 from companion.interruption import finishing
-from sitl.campaign import table
+from sitl.campaign import table, tours
 from sitl.campaign.description import read
 from sitl.campaign.flight import fly
 from sitl.campaign.folder import claimed
 from sitl.campaign.given import Given, value
 from sitl.campaign.ledger import Ledger
-from sitl.campaign.mission import FAILED, Campaign, Row
+from sitl.campaign.mission import FAILED, Campaign, Mission, Row
 from sitl.campaign.page import REPORT, write_report
 from sitl.campaign.plan import plan
 from sitl.campaign.progress import CampaignProgress
@@ -73,6 +74,10 @@ def montecarlo(
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Fly on the workers of this Dask scheduler: tcp://HOST:8786.")
     ] = None,
+    with_tours: Annotated[
+        bool,
+        typer.Option("--tours", help="Plan a good inspection tour of each world too, and compare. Up to minutes each."),
+    ] = False,
     retry_failed: Annotated[
         bool, typer.Option("--retry-failed", help="Fly missions again that raised an error or lost their process.")
     ] = False,
@@ -87,11 +92,18 @@ def montecarlo(
         raise InputError("--jobs with --scheduler: the cluster's own workers fly; leave one of the two")
     options = _options(worlds, seeds, preset, config, vehicles, time_limit, setting or [], draw or [])
     described = read(file, options)
+    if with_tours and described.vehicles > 1:
+        raise InputError(
+            f"--tours: a tour is one vehicle's, and {described.place('vehicles')} {described.vehicles} fly here; "
+            "leave it"
+        )
     console = Console()
     with console.status("preparing the missions"):
         campaign = plan(described)
     folder = default_folder(f"campaign-{len(campaign.missions)}") if out is None else out
     with claimed(folder, campaign) as ledger:
+        if with_tours:
+            _plan_tours(campaign, _workers(jobs, scheduler), folder, console, retry_failed)
         _fly(campaign, ledger, _workers(jobs, scheduler), folder, console, retry_failed)
         rows = list(ledger.rows.values())
     console.print(f"look at: {folder / REPORT}", highlight=False, soft_wrap=True)
@@ -146,13 +158,40 @@ def _workers(jobs: int | None, scheduler: str | None) -> Workers:
     return Cluster(scheduler)
 
 
+def _plan_tours(campaign: Campaign, workers: Workers, folder: Path, console: Console, retry_failed: bool) -> None:
+    """Plan the tours that are missing: before the missions, so that every report compares with them."""
+    asked = {mission.number: mission for mission in tours.representatives(campaign).values()}
+    with Ledger(folder, tours.NAME) as ledger:
+        there, missing = _left(list(asked.values()), ledger, retry_failed)
+        progress = CampaignProgress(console, len(asked), there, workers.who, time.monotonic, "tours", tours.planned)
+        try:
+            with workers, progress:
+
+                def keep(row: Row) -> None:
+                    ledger.append(row)
+                    progress.ended(row)
+
+                run(missing, workers, tours.plan_tour, keep, progress.look)
+        except BaseException:
+            typer.echo(f"the tours that were planned are in {folder}; to go on: {_again(folder)}", err=True)
+            raise
+        for row in ledger.rows.values():
+            if row["ended_because"] == FAILED:
+                typer.echo(f"no tour of {row['given_world']}: {row['error']}; its missions have no ratios", err=True)
+
+
+def _left(missions: Sequence[Mission], ledger: Ledger, retry_failed: bool) -> tuple[list[Row], list[Mission]]:
+    """The rows that stay, and the missions that have none yet or are to be tried again."""
+    again = {number for number, row in ledger.rows.items() if retry_failed and row["ended_because"] == FAILED}
+    there = [row for number, row in ledger.rows.items() if number not in again]
+    return there, [one for one in missions if one.number in again or one.number not in ledger.rows]
+
+
 def _fly(
     campaign: Campaign, ledger: Ledger, workers: Workers, folder: Path, console: Console, retry_failed: bool
 ) -> None:
     """Fly what is missing; table and report are there afterwards, however it ended."""
-    again = {number for number, row in ledger.rows.items() if retry_failed and row["ended_because"] == FAILED}
-    there = [row for number, row in ledger.rows.items() if number not in again]
-    missing = [mission for mission in campaign.missions if mission.number in again or mission.number not in ledger.rows]
+    there, missing = _left(campaign.missions, ledger, retry_failed)
     written_s = time.monotonic()
 
     try:
@@ -182,7 +221,7 @@ def _fly(
 
 
 def _write(folder: Path, campaign: Campaign, ledger: Ledger) -> None:
-    rows = list(ledger.rows.values())
+    rows = tours.compared(campaign, list(ledger.rows.values()), tours.there(folder))
     try:
         table.write(rows, folder / TABLE)
         write_report(folder, campaign, rows)

@@ -71,6 +71,11 @@ def section(shown: Section) -> str:
     return f"<h2>{escape(shown.title)}</h2>\n{wide}{pair}"
 
 
+def paragraph(text: str) -> str:
+    """A paragraph of our own words."""
+    return f"<p>{prose(text)}</p>\n"
+
+
 def names_and_values(rows: Iterable[tuple[str, str]]) -> str:
     """A table of two columns."""
     lines = "".join(f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>\n" for name, value in rows)

@@ -62,7 +62,15 @@ def test_who_is_led_back_to_its_place_cannot_be_called_disobedient(refusal: Refu
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("battery_v", "0"), ("battery_v", ".nan"), ("creep_m", "-0.1"), ("creep_m", ".inf"), ("not_obeyed_mps", ".nan")],
+    [
+        ("battery_v", "0"),
+        ("battery_v", ".nan"),
+        ("creep_m", "-0.1"),
+        ("creep_m", ".inf"),
+        ("hold_creep_m", "-0.1"),
+        ("hold_creep_m", ".nan"),
+        ("not_obeyed_mps", ".nan"),
+    ],
 )
 def test_numbers_that_would_switch_a_fault_off_or_make_no_sense_are_refused(
     key: str, value: str, refusal: Refusal

@@ -119,7 +119,7 @@ def test_the_papers_law_takes_d_of_any_side() -> None:
 def test_beside_another_wall_the_yaw_rate_is_the_one_of_the_followed_wall(gamma: int) -> None:
     """Protects the way out of a niche: with d of any side and the sign of one it turns towards the wrong wall."""
     rates = []
-    for scan in (seen(gamma), seen(gamma, (0.1, 0.86))):
+    for scan in (seen(gamma), seen(gamma, (0.1, 1.4))):
         navigator = in_boundary(gamma)
         pose = replace(ORIGIN, vx_mps=0.5)
         rates.append(navigator.step(looking(scan), pose, DT_S).yaw_rate_radps)

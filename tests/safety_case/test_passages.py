@@ -17,7 +17,7 @@ def changed(**control: Any) -> Settings:
 
 def test_the_presets() -> None:
     assert str(passages(load_settings(None, "flight"))) == (
-        "flies into places 2.30 m wide and 2.00 m high, or more; once inside it goes on down to 1.90 m and 1.00 m"
+        "flies into places 1.92 m wide and 2.00 m high, or more; once inside it goes on down to 1.90 m and 1.00 m"
     )
     for preset in preset_names():
         found = passages(load_settings(None, preset))
@@ -28,12 +28,16 @@ def test_the_presets() -> None:
 @pytest.mark.parametrize(
     ("values", "wider_m", "least_wider_m"),
     [
-        ({"margin_m": 1.2}, 0.4, 0.0),
-        ({"critical_margin_m": 0.7}, 0.0, -0.2),
+        # What leads along a tangent has a corridor by d_s.
+        ({"margin_m": 1.2}, 2.0 * (0.9 * 1.2 + 0.05) - 1.92, 0.0),
+        ({"margin_m": 1.2, "critical_margin_m": 1.0}, 0.4, 0.4),
+        ({"critical_margin_m": 0.7}, 1.9 - 1.92, -0.2),
         # The governor brakes before d_c, the paper's (12) at it.
-        ({"speed_law": "paper"}, 0.0, -0.1),
-        # Just below d_s the law stands in drifts that it would turn into.
-        ({"critical_margin_m": 0.99}, 0.0, 0.38),
+        ({"speed_law": "paper"}, 1.9 - 1.92, -0.1),
+        # The paper's law knows no middle between two walls.
+        ({"law": "paper"}, 2.3 - 1.92, 0.0),
+        # Just below d_s hardly anything is kept beyond d_c.
+        ({"critical_margin_m": 0.99}, 2.0 * (0.993 + 0.11) - 1.92, 2.0 * (0.993 + 0.1) - 1.9),
     ],
 )
 def test_margins_decide_the_width(values: dict[str, Any], wider_m: float, least_wider_m: float) -> None:

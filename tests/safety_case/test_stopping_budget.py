@@ -15,7 +15,6 @@ from companion.safety_case.gate_plan import to_basis, to_plan
 from companion.safety_case.stopping_budget import (
     LAW_FLIES,
     MODE_BRAKE_MPS2,
-    MODE_CREEP_M,
     SILENCE_EXTRA_S,
     Basis,
     BudgetLine,
@@ -30,6 +29,7 @@ SETTINGS = Settings()
 PLAN = to_plan(SETTINGS, command=(), restart_command=())
 BASIS = to_basis(SETTINGS)
 SPEED_MPS = PLAN.limits.speed_mps
+MODE_CREEP_M = SETTINGS.safety.hold_creep_m
 GRID = 60
 
 
@@ -271,3 +271,12 @@ def test_each_fault_is_shown_at_its_worst_speed(*, governed: bool, creep_mps: fl
     worst = {line.fault: line.speed_mps for line in stopping_budget(PLAN, basis)}
     assert worst["depth_stale"] == (min(creep_mps, SPEED_MPS) if governed else SPEED_MPS)
     assert worst["distance"] == SPEED_MPS
+
+
+def test_an_autopilot_that_keeps_its_place_better_leaves_more() -> None:
+    """Protects narrow places, whose whole room is what an autopilot wanders in its own hold; a brake stays a brake."""
+    slim, gained_m = replace(BASIS, hold_creep_m=MODE_CREEP_M - 0.1), {}
+    for before, after in zip(stopping_budget(PLAN, BASIS), stopping_budget(PLAN, slim), strict=True):
+        gained_m[before.fault] = after.remaining_m - before.remaining_m if before.stops else 0.0
+    assert gained_m.pop(Fault.MAP) == 0.0
+    assert list(gained_m.values()) == [pytest.approx(0.1)] * len(gained_m)

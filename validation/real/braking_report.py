@@ -10,20 +10,22 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from companion.config.settings import Settings
-from companion.mavlink.firmware import MEASURED_BRAKE_MPS2
-from companion.safety_case.stopping_budget import MODE_BRAKE_MPS2, MODE_CREEP_M, SILENCE_EXTRA_S
+from companion.mavlink.firmware import MEASURED_BRAKE_MPS2, MEASURED_HOLD_CREEP_M, AutopilotKind
+from companion.safety_case.stopping_budget import MODE_BRAKE_MPS2, SILENCE_EXTRA_S
 from companion.text_table import columns
 from validation.real.brake_bound import Bound, Way, least_brake_mps2, tightest
 from validation.real.manoeuvres import Order, Stopped, Turned
 
 _DELAY_S = Settings().safety.autopilot_delay_s
-_MODE = Bound(_DELAY_S, MODE_BRAKE_MPS2, MODE_CREEP_M)
+_CREEP_M = MEASURED_HOLD_CREEP_M[AutopilotKind.PX4]
+"""That of the default settings, which hold for both."""
+_MODE = Bound(_DELAY_S, MODE_BRAKE_MPS2, _CREEP_M)
 COUNTED: dict[Order, Bound] = {
     # The gate's zero velocity ends in a hold, whose creep is counted.
-    **dict.fromkeys((Order.ZERO, Order.LED_BACK, Order.STAND_HOLD), Bound(_DELAY_S, MEASURED_BRAKE_MPS2, MODE_CREEP_M)),
+    **dict.fromkeys((Order.ZERO, Order.LED_BACK, Order.STAND_HOLD), Bound(_DELAY_S, MEASURED_BRAKE_MPS2, _CREEP_M)),
     Order.HOLD: _MODE,
     Order.LAND: _MODE,
-    Order.SILENCE: Bound(Settings().autopilot.silence_s + SILENCE_EXTRA_S, MODE_BRAKE_MPS2, MODE_CREEP_M),
+    Order.SILENCE: Bound(Settings().autopilot.silence_s + SILENCE_EXTRA_S, MODE_BRAKE_MPS2, _CREEP_M),
 }
 """What the budget counts from the order on, or from the last setpoint: no pose is old then, and no setpoint lost."""
 NOT_JUDGED = frozenset({("px4", Order.ZERO), ("ardupilot", Order.ZERO), ("ardupilot", Order.HOLD)})
@@ -99,7 +101,7 @@ def report(flights: Sequence[Flown]) -> str:
         "Stops (median / worst)",
         *columns([STOPS_HEAD, *_stop_rows(stops)], left=(0, 1)),
         "",
-        f"Bounds, with {MODE_CREEP_M:g} m of creep: at the delay that is counted, and the tightest of all",
+        f"Bounds, with {_CREEP_M:g} m of creep: at the delay that is counted, and the tightest of all",
         *columns([BOUNDS_HEAD, *_bound_rows(stops)], left=(0, 1)),
         "",
         "Turns (median; radius: as a share of speed / rate as asked for)",

@@ -22,7 +22,7 @@ from companion.flight.preflight.parameter_rules import parameter_check_names, ru
 from companion.flight.preflight.position import POSE_AGE_S, STANDING, estimator, standing
 from companion.flight.preflight.prearm import PREARM, prearm
 from companion.flight.preflight.result import CheckResult, age
-from companion.mavlink.firmware import MEASURED_BRAKE_MPS2
+from companion.mavlink.firmware import MEASURED_BRAKE_MPS2, MEASURED_HOLD_CREEP_M, AutopilotKind
 from companion.model import Beam
 from companion.sensors.remedies import remedy, told
 from companion.sensors.statistics import StreamStatistics
@@ -99,7 +99,7 @@ async def run_checks(
         _storage(settings),
         _disarmed(state),
         _mode(state),
-        braking(settings),
+        braking(link.kind, settings),
     ]
     results = [_skipped(result.name) if result.name in skip else result for result in results]
     for rule in rules(link.kind, settings):
@@ -262,23 +262,29 @@ def _mode(state: VehicleState) -> CheckResult:
     )
 
 
-def braking(settings: Settings) -> CheckResult:
-    """The check of ``control.governor.brake_mps2``.
+def braking(kind: AutopilotKind, settings: Settings) -> CheckResult:
+    """The check of ``control.governor.brake_mps2`` and ``safety.hold_creep_m``.
 
-    It does not ask for ``control.speed_law``: without the governor the gate still counts on the number, in the stopping
+    It does not ask for ``control.speed_law``: without the governor the gate still counts on them: in the stopping
     budget, before its hard limit and before the fence.
     """
-    counted_mps2 = settings.control.governor.brake_mps2
-    ok = counted_mps2 <= MEASURED_BRAKE_MPS2
+    counted_mps2, counted_m = settings.control.governor.brake_mps2, settings.safety.hold_creep_m
+    needed_m = MEASURED_HOLD_CREEP_M[kind]
+    wrong = []
+    if counted_mps2 > MEASURED_BRAKE_MPS2:
+        wrong.append(f"control.governor.brake_mps2: {MEASURED_BRAKE_MPS2:g}")
+    if counted_m < needed_m:
+        wrong.append(f"safety.hold_creep_m: {needed_m:g}")
     return CheckResult(
         BRAKING,
-        ok,
-        f"counted on: {counted_mps2:g} m/s²",
-        f"at most {MEASURED_BRAKE_MPS2:g} m/s²",
-        f"PX4 and ArduCopter were measured to brake with {MEASURED_BRAKE_MPS2:g} m/s²: with more in the settings the "
-        "law slows down too late, and the stopping budget does not hold.",
-        ""
-        if ok
-        else f"set control.governor.brake_mps2: {MEASURED_BRAKE_MPS2:g} in the settings file (--fix changes only "
-        f"parameters); if this vehicle was measured to brake harder, --skip {BRAKING}",
+        not wrong,
+        f"counted on: {counted_mps2:g} m/s², then {counted_m:g} m in hold",
+        f"at most {MEASURED_BRAKE_MPS2:g} m/s², at least {needed_m:g} m",
+        f"It was measured to brake with {MEASURED_BRAKE_MPS2:g} m/s², and to wander in its hold by up to "
+        f"{needed_m:g} m: with more braking or less wandering in the settings the law slows down too late, and the "
+        "stopping budget does not hold.",
+        f"set {' and '.join(wrong)} in the settings file (--fix changes only parameters); if this vehicle was measured "
+        f"to do better, --skip {BRAKING}"
+        if wrong
+        else "",
     )

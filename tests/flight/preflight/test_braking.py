@@ -10,7 +10,7 @@ import pytest
 from companion.config.load import load
 from companion.config.settings import Settings
 from companion.flight.preflight.checks import braking
-from companion.mavlink.firmware import MEASURED_BRAKE_MPS2
+from companion.mavlink.firmware import MEASURED_BRAKE_MPS2, MEASURED_HOLD_CREEP_M, AutopilotKind
 from companion.safety_case.gate_plan import stopping_lines
 from validation.fault_matrix.faults import FAULTS
 from validation.fault_matrix.scene import write_config
@@ -34,18 +34,31 @@ def test_an_autopilot_may_be_counted_on_for_what_was_measured_and_no_more(
     brake_mps2: float, ok: bool, speed_law: str
 ) -> None:
     """Protects the stopping budget; the gate counts on the number whatever law sets the speed."""
-    result = braking(with_brake(brake_mps2, speed_law))
+    result = braking(AutopilotKind.PX4, with_brake(brake_mps2, speed_law))
     assert (result.name, result.ok, result.skipped) == ("braking", ok, False)
     assert f"{brake_mps2:g} m/s²" in result.found
-    assert result.wanted == "at most 0.43 m/s²"
+    assert result.wanted == "at most 0.43 m/s², at least 0.25 m"
     assert ("control.governor.brake_mps2: 0.43" in result.fix) != ok
+
+
+@pytest.mark.parametrize("kind", AutopilotKind)
+@pytest.mark.parametrize(("less_m", "ok"), [(0.0, True), (0.01, False)])
+def test_in_its_own_hold_an_autopilot_wanders_no_less_than_was_measured(
+    kind: AutopilotKind, less_m: float, ok: bool
+) -> None:
+    """Protects narrow places: settings made for ArduPilot, which keeps its place better, are not flown with PX4."""
+    needed_m = MEASURED_HOLD_CREEP_M[kind]
+    result = braking(kind, Settings.model_validate({"safety": {"hold_creep_m": needed_m - less_m}}))
+    assert result.ok is ok
+    assert (f"safety.hold_creep_m: {needed_m:g}" in result.fix) is not ok
+    assert "brake_mps2" not in result.fix
 
 
 def test_the_flights_of_the_fault_matrix_pass(tmp_path: Path) -> None:
     """Protects the matrix, which is to show what is flown: no fault may bring settings that are not."""
     for fault in FAULTS:
         settings = write_config(tmp_path / "vehicle.yaml", 14540, "tcp://127.0.0.1:14600", fault.settings)
-        assert braking(settings).ok, fault.name
+        assert all(braking(kind, settings).ok for kind in AutopilotKind), fault.name
 
 
 @pytest.mark.parametrize("preset", ["flight", "swift", "table_ii"])

@@ -111,8 +111,8 @@ def test_the_report_names_the_worst_and_how_to_fly_them_again(tmp_path: Path, ca
     assert page.startswith("<!DOCTYPE html>")
     assert page.rstrip().endswith("</html>")
     assert "All 18 missions have ended, 16 with a complete map, 1 with a contact, 1 failed." in page
-    assert "16 of 17 (73.0 % to 99.0 % at 95 %)" in page
-    assert "1 (in at most 25.01 % at 95 %)" in page
+    assert "16 of 17 (71.3 % to 99.9 %)" in page
+    assert "1 (in at most 25.02 %)" in page
     assert "<b>bold" not in page
     assert "software 1.2.3 abc and another" in page
     assert page.count("<img ") == 7

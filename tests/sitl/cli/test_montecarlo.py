@@ -125,6 +125,30 @@ def test_the_same_command_flies_only_what_is_missing(
     assert flown == [2, 3]
 
 
+def test_tours_are_planned_once_and_joined_to_the_rows(
+    tmp_path: Path, flown: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Protects ratios: a tour that is in the folder is not planned again, and one that failed is, when asked."""
+    planned: list[int] = []
+
+    def tour(mission: Mission) -> Row:
+        planned.append(mission.number)
+        if len(planned) == 1:
+            raise ValueError("no room")
+        return {"ended_because": "planned", "tour_time_s": 5.0, "tour_length_m": 2.0, "tour_share": 0.99}
+
+    monkeypatch.setattr("sitl.campaign.tours.plan_tour", tour)
+    done = fly(tmp_path, "--seeds", "2", "--tours")
+    assert (done.code, done.files) == (0, FILES | {"tours.jsonl"})
+    assert "no tour of room: ValueError: no room" in done.err
+    assert [row["time_ratio"] for row in done.rows] == [None, None]
+    for _ in range(2):
+        done = fly(tmp_path, "--seeds", "2", "--tours", "--retry-failed")
+        assert done.err == ""
+        assert [(row["time_ratio"], row["way_ratio"]) for row in done.rows] == [(2.0, 2.0), (4.0, 4.0)]
+    assert (planned, flown) == ([0, 0], [0, 1])
+
+
 def test_another_campaign_in_the_folder_is_refused(tmp_path: Path, flown: list[int]) -> None:
     """Protects the rows that are there; the message names what differs."""
     fly(tmp_path, "--seeds", "2")
@@ -174,6 +198,7 @@ def test_failed_missions_are_flown_again_when_asked(
         (("--jobs", "2", "--scheduler", "tcp://127.0.0.1:1"), "--jobs with --scheduler"),
         (("--scheduler", "here"), "--scheduler here: no scheduler answers there"),
         (("--jobs", "0"), "--jobs"),
+        (("--tours", "--vehicles", "2"), "--tours: a tour is one vehicle's, and --vehicles 2 fly here"),
     ],
 )
 @pytest.mark.usefixtures("flown")

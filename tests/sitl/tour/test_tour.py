@@ -1,4 +1,4 @@
-"""What `bench.flight.tour` plans: a tour that can be flown, and that sees what it says it sees."""
+"""What `sitl.tour` plans: a tour that can be flown, and that sees what it says it sees."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from bench.flight.tour.inspection import Inspection, inspection
-from bench.flight.tour.ways import Ways
 from companion.config.load import load_settings
 from companion.mapping import VoxelMap
 from companion.model import DepthFrame, wrap_rad
 from sitl.mines import load_world
 from sitl.scene.render import DepthRenderer
 from sitl.sim.simulation import COMPLETE_SHARE, Simulation
+from sitl.tour.inspection import Inspection, inspection
+from sitl.tour.ways import Ways
 
 SEED, SPEED_MPS = 1, 0.5
 

@@ -10,21 +10,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.flight.tour.search import Look, Pace, Planner
-from bench.flight.tour.views import Patches, looks_at, seen_share
-from bench.flight.tour.ways import Ways
 from companion.config.settings import Settings
 from companion.model import Pose, wrap_rad
 from sitl.mines import World
 from sitl.scene.visibility import horizontal_clearance
 from sitl.sim.simulation import COMPLETE_SHARE, SURFACE_STEP_M, Simulation
+from sitl.tour.search import Look, Pace, Planner
+from sitl.tour.views import Patches, looks_at, seen_share
+from sitl.tour.ways import Ways
 
 _MOST_PLACES = 2500
 """Looks are taken from the places of the traveling surface; of more than so many from one in each cell of a wider grid.
 In a narrow mine all are needed: some of what can be seen is seen from few of them."""
 
 _ALONG_M, _SWEEP_RAD = 0.25, 0.12
-"""A camera of 5 Hz takes an image about so often at 0.5 m/s, and at 0.6 rad/s."""
+"""Images are taken this far apart on the way, and in turns: no camera of a vehicle that explores takes fewer. 5 Hz is
+an image every 0.1 m at 0.5 m/s and every 0.12 rad at 0.6 rad/s; 15 Hz one every 0.1 m at 1.5 m/s."""
 
 ROUNDS, _SLACK = (1200, 600, 300, 300), 0.0003
 """Rounds of searching: before each of the later ones it is counted, with every sample and image, what the last tour
@@ -52,6 +53,17 @@ class Inspection:
     share: float
     least_d_m: float
     poses: tuple[Pose, ...]
+
+
+def depends_on(settings: Settings) -> tuple[object, ...]:
+    """What a tour depends on of the settings beside the speed: the same for all that only choose or steer otherwise."""
+    control, mapping = settings.control, settings.mapping
+    return (
+        settings.sensors.camera.model(),
+        (mapping.max_range_m, mapping.voxel_m),
+        (control.height_m, control.margin_m, control.critical_margin_m, control.max_yaw_rate_radps),
+        (settings.vehicle.body_radius_m, settings.vehicle.body_height_m),
+    )
 
 
 def inspection(

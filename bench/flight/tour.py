@@ -23,9 +23,9 @@ def main() -> None:
     arguments = made.parse_args()
     if arguments.speed is not None and not 0.0 < arguments.speed < float("inf"):
         made.error(f"--speed {arguments.speed:g}: must be above 0, in m/s")
-    from bench.flight.tour.inspection import inspection
     from companion.config.load import load_settings
     from sitl.mines import load_world
+    from sitl.tour.inspection import inspection
 
     settings = load_settings(arguments.config, arguments.preset)
     speed_mps = settings.control.speed_mps if arguments.speed is None else arguments.speed

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.flight.tour.views import HEADINGS, Views
-from bench.flight.tour.ways import Leg, Ways
 from companion.compiled import compiled
 from companion.model import wrap_rad
+from sitl.tour.views import HEADINGS, Views
+from sitl.tour.ways import Leg, Ways
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
