@@ -44,7 +44,7 @@ def figures(simulation: Simulation) -> Row:
     true_d_m = np.concatenate([flight.log.column("true_d_m")[:ticks] for flight, ticks in explored])
     near = true_d_m[np.isfinite(true_d_m)] < simulation.settings.control.critical_margin_m
     return {
-        **{name: plain(value) for name, value in score.items()},
+        **{name: plain(value) for name, value in score.items() if name != "home"},
         "speed_mps": _mean(speeds_mps, 3),
         "slow_share": _mean(speeds_mps < SLOW_MPS, 3),
         "in_d_c_share": _mean(near, 5),
@@ -52,10 +52,18 @@ def figures(simulation: Simulation) -> Row:
         if simulation.estimated_completeness is None
         else round(simulation.estimated_completeness - simulation.completeness, 5),
         "critical_margin_m": simulation.settings.control.critical_margin_m,
+        **_home(score["home"]),
         "software": software(),
         "error": None,
         "error_details": None,
     }
+
+
+def _home(ways: object) -> Row:
+    """Of the way home that ended furthest from home, its figures, each as a column of its own."""
+    assert isinstance(ways, list)  # noqa: S101 - the score holds values of all types
+    worst: Row = max(ways, key=lambda way: (not way["arrived"], way.get("off_m") or 0.0), default={})
+    return {f"home_{name}": plain(value) for name, value in worst.items()}
 
 
 def _mean(values: NDArray[np.float64] | NDArray[np.bool_], digits: int) -> float | None:

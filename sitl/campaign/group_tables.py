@@ -6,9 +6,10 @@ import math
 from collections.abc import Callable, Sequence
 
 from sitl.campaign.groups import Group, quantile
+from sitl.campaign.mission import Row
 from sitl.campaign.words import below, metres, percent, sure, unit, within
 from sitl.report import html
-from sitl.report.cards import UNKNOWN
+from sitl.report.cards import UNKNOWN, number
 
 _SHARES = (0.5, 0.9, 1.0)
 _QUANTILES = ("median", "90 %", "worst")
@@ -37,6 +38,10 @@ def group_tables(groups: Sequence[Group], toured: bool) -> str:
     headings = ("group", f"contacts ({sure()})", "least distance", "time below d_c", "completeness, least")
     errors = ("estimate too high by, median", "most", "least", "completeness when done, least")
     tables.append(html.table((*headings, *errors), [_walls_and_map(group) for group in groups]))
+    if any(group.homeward for group in groups):
+        home = ("group", f"came home ({sure()})", "off, median", "off, worst", "time / reckoned, median", "worst")
+        rest = ("least distance on the way", "battery below the promise, median", "worst")
+        tables.append(html.table((*home, *rest), [_way_home(group) for group in groups]))
     return "\n".join(tables)
 
 
@@ -83,6 +88,31 @@ def _walls_and_map(group: Group) -> tuple[str, ...]:
         unit(min(errors, default=None), "", 4),
         unit(min(group.figures("completeness_when_done"), default=None), "", 4),
     )
+
+
+def _way_home(group: Group) -> tuple[str, ...]:
+    rows = group.homeward
+    came = sum(row.get("home_arrived") is True for row in rows)
+    times = sorted(_quotients(rows, "home_time_s", "home_promised_s"))
+    missing = sorted(
+        promised - left
+        for row in rows
+        if (promised := number(row, "home_promised_percent")) is not None
+        and (left := number(row, "home_came_percent")) is not None
+    )
+    return (
+        group.name,
+        f"{came} of {len(rows)} ({within(came, len(rows))})",
+        metres(group.median("home_off_m")),
+        metres(max(group.figures("home_off_m"), default=None)),
+        *(UNKNOWN if not times else _ratio(quantile(times, share)) for share in (0.5, 1.0)),
+        metres(min(group.figures("home_least_d_m"), default=None)),
+        *(UNKNOWN if not missing else unit(quantile(missing, share), "points", 1) for share in (0.5, 1.0)),
+    )
+
+
+def _quotients(rows: Sequence[Row], name: str, by: str) -> list[float]:
+    return [a / b for row in rows if (a := number(row, name)) is not None and (b := number(row, by))]
 
 
 def _quantiles(values: Sequence[float], words: Callable[[float], str]) -> list[str]:

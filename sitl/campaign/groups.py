@@ -44,6 +44,11 @@ class Group:
         """In how many something was touched."""
         return sum((number(row, "contacts") or 0.0) > 0.0 for row in self.rows)
 
+    @property
+    def homeward(self) -> list[Row]:
+        """Those that flew home, or tried to."""
+        return [row for row in self.flown if row.get("home_ended_because") is not None]
+
     def figures(self, name: str) -> list[float]:
         """The known values of a figure."""
         return [value for row in self.rows if (value := number(row, name)) is not None]

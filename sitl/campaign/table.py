@@ -12,7 +12,17 @@ from pyarrow import parquet
 from companion.mapping.files.whole import whole_file
 from sitl.campaign.mission import Row
 
-TEXTS = ("world", "given_world", "preset", "case", "ended_because", "error", "error_details", "settings")
+TEXTS = (
+    "world",
+    "given_world",
+    "preset",
+    "case",
+    "ended_because",
+    "home_ended_because",
+    "error",
+    "error_details",
+    "settings",
+)
 """Columns that are texts even where no row has any."""
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import math
 import numbers
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from companion.control.left_out import in_words
@@ -118,6 +118,7 @@ def key_figures(data: ReportData) -> list[Card]:
     estimated, done_s = number(summary, "estimated_completeness"), number(summary, "done_at_s")
     when_done = number(summary, "completeness_when_done")
     ended, passages = summary.get("ended_because"), summary.get("passages")
+    homes = [way for way in _listed(summary.get("home")) if isinstance(way, Mapping)]
     sizes = passages if isinstance(passages, Mapping) else {}
     return [
         Card("Map complete", _percent(completeness), "of what can be seen", _completeness_state(completeness)),
@@ -170,7 +171,29 @@ def key_figures(data: ReportData) -> list[Card]:
             "computing time not known" if wall_s is None else f"{seconds(wall_s)} of computing",
         ),
         Card("Ended because", shown(ended), "", words=True),
+        *(_home(way, index) for index, way in enumerate(homes, 1)),
     ]
+
+
+def _listed(value: object) -> Sequence[object]:
+    return value if isinstance(value, list | tuple) else ()
+
+
+def _home(way: Mapping[str, object], vehicle: int) -> Card:
+    """How a vehicle came home."""
+    off_m, flown_m, time_s = (number(way, name) for name in ("off_m", "flown_m", "time_s"))
+    came, promised = number(way, "came_percent"), number(way, "promised_percent")
+    text = "" if flown_m is None or time_s is None else f"{flown_m:.0f} m in {seconds(time_s)}"
+    if came is not None:
+        text += f"; {came:.0f} % of the battery left" + ("" if promised is None else f" of {promised:.0f} % promised")
+    home = way.get("ended_because") == "home"
+    return Card(
+        f"Vehicle {vehicle}: the way home",
+        f"{off_m:.2f} m off" if home and off_m is not None else shown(way.get("ended_because")),
+        text,
+        State.GOOD if way.get("arrived") is True else State.LOOK,
+        words=not home,
+    )
 
 
 def _completeness_state(completeness: float | None) -> State:

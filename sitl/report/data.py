@@ -37,6 +37,7 @@ class ReportData:
         left_out: what was seen and not looked into.
         settings_yaml: the settings of the flight, in plain text.
         graphs: the navigation graph of each vehicle.
+        explored_ticks: rows of each log that belong to the exploring, what follows is the way home; empty: all do.
     """
 
     title: str
@@ -54,6 +55,11 @@ class ReportData:
     left_out: tuple[LeftOut, ...]
     settings_yaml: str
     graphs: tuple[Graph, ...] = ()
+    explored_ticks: tuple[int, ...] = ()
+
+    def homeward_from(self, index: int) -> int:
+        """The row of a vehicle's log with which its way home begins; that behind the last where it has none."""
+        return self.explored_ticks[index] if self.explored_ticks else len(self.flights[index])
 
 
 def thinned(t_s: Array, values: Array, bins: int) -> tuple[Array, Array]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,6 +19,7 @@ from companion.control.left_out import LeftOut
 from sitl.report.data import Array, Points, ReportData, stretches
 from sitl.report.style import (
     CRITICAL,
+    HOMEWARD,
     INK,
     MINE,
     MODE_COLOURS,
@@ -171,7 +173,8 @@ def overview_png(data: ReportData, plan: Plan | None) -> bytes:
                 axes.plot(*flight.positions_m[:, :2].T, color=colour, lw=1.5, alpha=0.85, zorder=4)
                 handles.append(Line2D([], [], color=colour, lw=2.5, label=f"vehicle {flight.vehicle_id}"))
             else:
-                handles += _draw_modes(axes, flight)
+                handles += _draw_modes(axes, flight, data.homeward_from(index))
+            handles += _draw_homeward(axes, flight, data.homeward_from(index), label=index == 0)
             _draw_ends(axes, flight, vehicle_colour(index) if several else INK)
         if handles:
             handles += [marker("o", "white", "start"), marker("s", INK, "end"), *_draw_nearest(axes, data.flights)]
@@ -233,14 +236,25 @@ def _draw_mine(axes: Axes, plan: Plan) -> None:
     axes.add_collection(LineCollection(list(plan.walls_m), colors=WALL, linewidths=1.0, capstyle="round", zorder=2))
 
 
-def _draw_modes(axes: Axes, flight: FlightLog) -> list[Line2D]:
+def _draw_homeward(axes: Axes, flight: FlightLog, first: int, label: bool) -> list[Line2D]:
+    """The way home, dotted over whatever it leads along."""
+    if first >= len(flight):
+        return []
+    style: dict[str, Any] = {"color": HOMEWARD, "lw": 2.2, "ls": (0, (1.0, 1.4)), "zorder": 5}
+    axes.plot(*flight.positions_m[first:, :2].T, **style)
+    return [Line2D([], [], label="the way home", **style)] if label else []
+
+
+def _draw_modes(axes: Axes, flight: FlightLog, ticks: int) -> list[Line2D]:
     """One line for each stretch in one mode, joined to the next; the rarer the mode, the further on top."""
-    starts, ends = stretches(flight.modes)
-    positions = flight.positions_m[:, :2]
-    share = np.bincount(flight.modes, minlength=len(MODES))
+    modes, positions = flight.modes[:ticks], flight.positions_m[:ticks, :2]
+    if len(modes) == 0:
+        return []
+    starts, ends = stretches(modes)
+    share = np.bincount(modes, minlength=len(MODES))
     handles = []
     for index, mode in enumerate(MODES):
-        own = flight.modes[starts] == index
+        own = modes[starts] == index
         if not own.any():
             continue
         lines = [positions[start : end + 1] for start, end in zip(starts[own], ends[own], strict=True)]

@@ -161,6 +161,7 @@ def write_run(kept: Kept, preset: str, config: Path | None) -> dict[str, object]
             left_out=simulation.left_out,
             settings_yaml=settings_yaml,
             graphs=graphs,
+            explored_ticks=simulation.explored.ticks,
         )
 
     writers["report.html"] = lambda path: write_report(path, reported())

@@ -33,6 +33,7 @@ MODE_LABELS = {
 }
 VEHICLE_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", INK)
 SAFE, NEAR = "#0072b2", "#e69f00"
+HOMEWARD = "#cc79a7"
 CRITICAL = "#b3001b"
 
 DPI = 144
