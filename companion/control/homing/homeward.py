@@ -64,6 +64,11 @@ class Homeward(Decisions):
         super().block_way(target, pose, t_s)
         self.look_again()
 
+    def lead_to(self, home: Place) -> None:
+        """Lead elsewhere from now on."""
+        self.home = home
+        self.look_again()
+
     def look_again(self) -> None:
         """Search anew before the next answer: the vehicle turned out to be elsewhere, or something is in the way."""
         self._found = None

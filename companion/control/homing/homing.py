@@ -21,11 +21,11 @@ ARRIVED_M, GONE_M = 0.25, 0.4
 SETTLED_M, SETTLED_S, SETTLING_S = 0.1, 2.0, 10.0
 """It stands so near to home for so long before it is there; after some seconds more it is as near as it gets."""
 
-NEAR_M, PATIENCE_S = 1.5, 20.0
-"""So near to home is near enough when it has come no nearer for so long: something stands there now, or the flight
-began nearer to a wall than the law flies."""
+NEAR_M, PATIENCE_S, NEARER_M = 6.0, 20.0, 0.1
+"""When the way home is no longer than this and has become no shorter for so long, something stands there now, or the
+flight began nearer to a wall than the law flies: it lands at the nearest place where it can."""
 
-NEARER_M = 0.1
+LOOK_PERIOD_S = 1.0
 CREEP_MPS = 0.1
 ROUTE_PERIOD_S = 10.0
 """Time between two searches for the length of the way home; in between it grows by what is flown."""
@@ -48,13 +48,15 @@ class Homing:
 
     def __init__(self, parameters: Parameters, ground: KnownGround) -> None:
         self.home: Place | None = None
-        """Where the flight began, until `begin_at` another place."""
+        """Where the flight began; on the way home where it lands."""
+        self.lands_elsewhere = False
+        """Whether it lands beside the place where the flight began, which it cannot get to."""
         self.homeward: Homeward | None = None
         """The decisions of the way home; None while the vehicle explores."""
         self.is_home = False
         self._parameters = parameters
         self._ground = ground
-        self._keyframes = Keyframes()
+        self._keyframes = Keyframes(parameters.critical_margin_m)
         self._alignment = Alignment(self._keyframes)
         self._reckoning: Homeward | None = None
         self._route: tuple[Route, float] | None = None
@@ -63,6 +65,7 @@ class Homing:
         self._least_m, self._least_s = math.inf, -math.inf
         self._there_s: float | None = None
         self._near_s = -math.inf
+        self._next_look_s = -math.inf
 
     @property
     def matches(self) -> int:
@@ -147,12 +150,9 @@ class Homing:
 
     def has_arrived(self, pose: Pose, t_s: float) -> bool:
         """Whether the vehicle is where it is to stand; asked with every pose on the way home, as `pose` gives it."""
+        self._look_whether_it_gets_there(pose, t_s)
         to_go_m = self.to_go_m(pose)
-        if to_go_m < self._least_m - NEARER_M:
-            self._least_m, self._least_s = to_go_m, t_s
-        gives_up = to_go_m < NEAR_M and t_s - self._least_s > PATIENCE_S
-        there = to_go_m < (GONE_M if self._there_s is not None else ARRIVED_M) or gives_up
-        if not there:
+        if to_go_m >= (GONE_M if self._there_s is not None else ARRIVED_M):
             self._there_s, self.is_home = None, False
             return False
         if self._there_s is None:
@@ -161,6 +161,28 @@ class Homing:
             self._near_s = t_s
         self.is_home = t_s - max(self._there_s, self._near_s) >= SETTLED_S or t_s - self._there_s >= SETTLING_S
         return True
+
+    def _look_whether_it_gets_there(self, pose: Pose, t_s: float) -> None:
+        """Where home cannot be got to though it is near, land at the nearest place that is fit; where none is, here."""
+        homeward = self.homeward
+        if homeward is None or t_s < self._next_look_s:
+            return
+        self._next_look_s = t_s + LOOK_PERIOD_S
+        here = homeward.place(pose)
+        route = homeward.route(here, pose.yaw_rad, t_s)
+        left_m = self.to_go_m(pose) if route is None else route.length_m
+        if left_m < self._least_m - NEARER_M:
+            self._least_m, self._least_s = left_m, t_s
+        if left_m > NEAR_M or self._there_s is not None or t_s - self._least_s <= PATIENCE_S:
+            return
+        fit = [look.place for look in self._keyframes.near(here, NEAR_M) if look.lands and look.place != self.home]
+        self.home = min(fit, key=lambda one: math.hypot(one.x_m - pose.x_m, one.y_m - pose.y_m), default=here)
+        if self.lands_elsewhere:
+            # Nor did it get to the place chosen last: enough.
+            self.home = here
+        self.lands_elsewhere = True
+        self._least_m, self._least_s = math.inf, t_s
+        homeward.lead_to(self.home)
 
     def most_mps(self, pose: Pose) -> float:
         """How fast it may fly so near to home, to stand there."""

@@ -22,6 +22,9 @@ STEP_M, TURN_RAD = 1.0, math.radians(40.0)
 SEEN_M = 8.0
 """Walls are kept as far as this: further ones are seen at a slant, and noisy."""
 
+LEVEL_SLOPE = 0.1
+"""Ground that rises by more is not landed on where there is a choice."""
+
 MOST = 2048
 """So many looks are kept. Then every other one goes, and they are kept half as often."""
 
@@ -36,17 +39,24 @@ class Keyframe:
         place: where it was made.
         way_m: how far the vehicle had flown by then.
         walls_m: (n, 2) points of walls in view or remembered, where they lay by the position of then.
+        lands: whether the ground there is level, and wide enough to land on.
     """
 
     place: Place
     way_m: float
     walls_m: Points
+    lands: bool
 
 
 class Keyframes:
-    """The looks of one flight, in the order in which they were made."""
+    """The looks of one flight, in the order in which they were made.
 
-    def __init__(self) -> None:
+    Args:
+        room_m: a place to land on has nothing nearer than this.
+    """
+
+    def __init__(self, room_m: float) -> None:
+        self._room_m = room_m
         self.way_m = 0.0
         """How far the vehicle has flown."""
         self._frames: list[Keyframe] = []
@@ -74,10 +84,16 @@ class Keyframes:
         ):
             return
         self._kept, self._kept_way_m = pose, self.way_m
-        self._frames.append(Keyframe(Place.under(pose, measurement.h_m), self.way_m, walls_m(measurement, pose)))
+        self._frames.append(self._look(measurement, pose))
         if len(self._frames) > MOST:
             self._frames = self._frames[::2]
             self._step_m *= 2.0
+
+    def _look(self, measurement: Measurement, pose: Pose) -> Keyframe:
+        slope, d_m = measurement.ground_slope, measurement.d_m
+        lands = slope is not None and abs(slope) <= LEVEL_SLOPE and (d_m is None or d_m >= self._room_m)
+        here = Place.under(pose, measurement.h_m)
+        return Keyframe(here, self.way_m, walls_m(measurement, pose), lands and not measurement.over_shaft)
 
     def first(self) -> Keyframe | None:
         """The oldest look."""

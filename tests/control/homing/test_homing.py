@@ -17,10 +17,11 @@ from tests.control.scene import CAMERA_RAD, Scene, Track, box, fly, law_paramete
 START = Pose(0.0, 0.0, 0.0, 1.5, 0.0)
 
 #: A drift 4 m wide that goes east for 24 m and then north, with a chamber at the corner.
-BEND = Scene(
-    [(-4.0, -2.0), (20.0, -2.0), (20.0, -4.0), (27.0, -4.0), (27.0, 4.0), (25.0, 4.0), (25.0, 24.0), (21.0, 24.0),
-     (21.0, 4.0), (20.0, 4.0), (20.0, 2.0), (9.0, 2.0), (8.5, 2.6), (8.0, 2.0), (-4.0, 2.0)],
-)  # fmt: skip
+BEND_OUTLINE = [
+    (-4.0, -2.0), (20.0, -2.0), (20.0, -4.0), (27.0, -4.0), (27.0, 4.0), (25.0, 4.0), (25.0, 24.0), (21.0, 24.0),
+     (21.0, 4.0), (20.0, 4.0), (20.0, 2.0), (9.0, 2.0), (8.5, 2.6), (8.0, 2.0), (-4.0, 2.0),
+]  # fmt: skip
+BEND = Scene(BEND_OUTLINE)
 
 #: A ring of drifts 4 m wide about a pillar of rock: two ways home from its far side.
 RING = Scene(box(-4.0, -2.0, 22.0, 18.0), box(2.0, 2.0, 18.0, 14.0))
@@ -114,6 +115,18 @@ def test_before_anything_was_flown_nobody_knows_where_home_is() -> None:
     assert navigator.way_home(seen, START) is None
     assert not navigator.go_home(0.0)
     assert not navigator.is_home
+
+
+def test_what_stands_at_home_now_is_not_flown_into() -> None:
+    """A machine was parked where it started: it lands beside it, at a place that it has flown over, and says so."""
+    navigator, there = explored(BEND, 40.0, lambda seen, pose: (replace(seen, ground_slope=0.0), pose))
+    parked = Scene(BEND_OUTLINE, box(-1.0, -1.0, 1.0, 1.0))
+    track = flown_home(navigator, parked, there)
+    end = track.poses[-1]
+    assert navigator.is_home
+    assert navigator.homing.lands_elsewhere
+    assert 1.0 < math.hypot(end.x_m, end.y_m) < 6.0
+    assert track.distances_m().min() > 0.6
 
 
 def test_at_home_it_stands() -> None:

@@ -26,7 +26,7 @@ def flown(frames: Keyframes, metres: float, step_m: float = 0.1) -> None:
 
 def test_a_look_every_metre_oldest_first() -> None:
     """Enough to know each place again, and not one a tick."""
-    frames = Keyframes()
+    frames = Keyframes(0.8)
     flown(frames, 20.0)
     assert frames.way_m == pytest.approx(20.0)
     near = frames.near(Place(10.0, 0.0, 0.0), 3.0)
@@ -41,7 +41,7 @@ def test_a_look_every_metre_oldest_first() -> None:
 
 def test_a_turn_on_the_spot_is_looked_at_all_round() -> None:
     """At the start the camera sees a quarter of what is about; who comes back comes from elsewhere."""
-    frames = Keyframes()
+    frames = Keyframes(0.8)
     for k in range(36):
         pose = Pose(0.1 * k, 0.0, 0.0, 1.5, math.radians(10.0 * k - 180.0))
         frames.fly(pose)
@@ -51,7 +51,7 @@ def test_a_turn_on_the_spot_is_looked_at_all_round() -> None:
 
 def test_another_level_is_another_place() -> None:
     """A drift above is not recognised in the one below."""
-    frames = Keyframes()
+    frames = Keyframes(0.8)
     flown(frames, 5.0)
     assert frames.near(Place(2.0, 0.0, 0.5), 3.0)
     assert not frames.near(Place(2.0, 0.0, 4.0), 3.0)
@@ -67,7 +67,7 @@ def test_walls_are_where_they_are_seen_and_no_further_than_they_can_be_trusted()
 
 def test_nothing_is_kept_of_what_nobody_saw() -> None:
     """Without a scan or a height there is no place to keep."""
-    frames = Keyframes()
+    frames = Keyframes(0.8)
     pose = Pose(0.0, 0.0, 0.0, 1.5, 0.0)
     frames.fly(pose)
     frames.see(measurement(None), pose)
@@ -75,10 +75,24 @@ def test_nothing_is_kept_of_what_nobody_saw() -> None:
     assert frames.first() is None
 
 
+def test_it_lands_where_it_is_level_and_wide() -> None:
+    """A place beside a wall or on a ramp is one to fly over."""
+    places = []
+    for y_m, slope in ((0.0, 0.0), (0.9, 0.0), (0.0, 0.2), (0.0, None)):
+        frames = Keyframes(0.8)
+        pose = Pose(0.0, 5.0, y_m, 1.5, 0.0)
+        frames.fly(pose)
+        frames.see(replace(DRIFT.measure(pose), ground_slope=slope), pose)
+        first = frames.first()
+        assert first is not None
+        places.append(first.lands)
+    assert places == [True, False, False, False]
+
+
 def test_the_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     """A day of flying keeps as much as an hour, half as often."""
     monkeypatch.setattr(module, "MOST", 16)
-    frames = Keyframes()
+    frames = Keyframes(0.8)
     flown(frames, 100.0, step_m=0.5)
     kept = frames.near(Place(50.0, 0.0, 0.0), 100.0)
     assert len(kept) <= 16
