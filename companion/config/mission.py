@@ -31,8 +31,18 @@ class MissionSettings(Section):
         description="what starts the flight: now, the Enter key, or the MAVLink command MAV_CMD_MISSION_START from a "
         "ground station",
     )
-    end_action: Literal["hold", "land"] = Field(
-        "land", description="how a flight ends on stop, completion or low battery: hold or land"
+    end_action: Literal["home", "hold", "land"] = Field(
+        "home",
+        description="what follows the exploring when it is complete, stopped, or ended by time or battery: home (back "
+        "the way that it knows, and land where it took off), hold or land where it is",
+    )
+    reserve_percent: float = Field(
+        25.0,
+        ge=0.0,
+        le=90.0,
+        description="share of the battery that shall be left at home, in percent: with end_action home it turns back in "
+        "time, by the length of the way, the speed that it flies and what it draws; safety.battery_percent where that "
+        "is more",
     )
     time_limit_s: float = Field(1200.0, gt=0.0, le=86400.0, description="of exploring; then the flight ends, in s")
     battery_low_percent: float = Field(

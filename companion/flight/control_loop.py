@@ -9,7 +9,7 @@ from collections.abc import AsyncIterator, Callable
 from companion.clock import Clock
 from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.model import Input, Measurement, Mode, Pose, Setpoint
-from companion.pipeline import Explorer, Tick
+from companion.pipeline import Explorer, Order, Tick
 from companion.sensors.synchronizer import Synchronizer
 
 Watcher = Callable[[Tick], None]
@@ -48,7 +48,7 @@ class Rate:
 
 
 class ControlLoop:
-    """Looks always, steers while the flight explores.
+    """Looks always, steers while the flight explores and comes home.
 
     A tick whose pose is missing sends nothing: a velocity means nothing to an autopilot that may not know its own, and
     silence is what the layers below react to. A tick that lacks anything else sends zero: to stop needs no depth.
@@ -95,6 +95,22 @@ class ControlLoop:
         """Whether known ground has a way to something unseen; None where that is not known, as without a pose."""
         return None if self.pose is None else self._explorer.navigator.is_way_left(self.pose)
 
+    def way_home_m(self) -> float | None:
+        """How long the way home is; None where no way is known, or home is not."""
+        if self.pose is None or self.measurement is None:
+            return None
+        return self._explorer.navigator.way_home_m(self.measurement, self.pose)
+
+    def off_home_m(self) -> float | None:
+        """How far home is as the crow flies, by what the vehicle recognises; None without a pose or a home."""
+        homing = self._explorer.navigator.homing
+        return None if self.pose is None or homing.home is None else homing.to_go_m(homing.pose(self.pose))
+
+    @property
+    def is_home(self) -> bool:
+        """Whether the vehicle has come home and stands there."""
+        return self._explorer.navigator.is_home
+
     async def run(self) -> None:
         """Tick until cancelled."""
         async for now_s in self._rate.ticks():
@@ -103,12 +119,12 @@ class ControlLoop:
     def tick(self, now_s: float) -> Tick:
         """One sampling period."""
         began = time.perf_counter()
-        exploring = self._flight.phase is FlightPhase.EXPLORING
+        steered, order = self._flight.phase.steered, self._order()
         observation = self._inputs.observe(now_s)
         measurement: Measurement | None = None
         setpoint: Setpoint | None = None
-        if observation is not None and exploring:
-            steering = self._explorer.step(observation)
+        if observation is not None and steered:
+            steering = self._explorer.step(observation, order)
             measurement, setpoint = steering.measurement, steering.setpoint
         elif observation is not None:
             measurement = self._explorer.look(observation)
@@ -129,12 +145,18 @@ class ControlLoop:
             observation=observation,
             measurement=measurement,
             setpoint=setpoint,
-            mode=navigator.status.mode if exploring and not missing else Mode.HOLD,
+            mode=navigator.status.mode if steered and not missing else Mode.HOLD,
             sent=sent,
             height_m=navigator.height_m,
             duration_s=time.perf_counter() - began,
-            stepped=exploring and observation is not None,
+            stepped=steered and observation is not None,
+            order=order,
         )
         for watch in self._watchers:
             watch(tick)
         return tick
+
+    def _order(self) -> Order:
+        if self._flight.paused:
+            return Order.WAIT
+        return Order.HOME if self._flight.phase is FlightPhase.HOMING else Order.EXPLORE

@@ -79,10 +79,11 @@ class Homing:
         home = self.home
         if home is None or measurement.h_m is None:
             return None
-        if self.homeward is not None:
-            return self.homeward.length_m(Place.under(self.pose(pose), measurement.h_m), t_s)
         if self._reckoning is None:
             self._reckoning = Homeward(self._parameters, self._ground, home)
+        if self.homeward is not None:
+            # Not by those that steer: whoever asks how far it is must not change where they search.
+            return self._reckoning.length_m(Place.under(self.pose(pose), measurement.h_m), t_s)
         if t_s >= self._next_length_s:
             self._next_length_s = t_s + LENGTH_PERIOD_S
             length_m = self._reckoning.length_m(Place.under(pose, measurement.h_m), t_s)
@@ -113,6 +114,10 @@ class Homing:
             return 0.0
         after = self._alignment.pose(pose)
         return math.hypot(after.x_m - before.x_m, after.y_m - before.y_m)
+
+    def wait(self, t_s: float) -> None:
+        """A person let it wait until now: that it came no nearer meanwhile says nothing."""
+        self._least_s = t_s
 
     def to_go_m(self, pose: Pose) -> float:
         """How far home is, straight; infinite where nobody knows where that is."""
