@@ -40,9 +40,9 @@ class MissionSettings(Section):
         25.0,
         ge=0.0,
         le=90.0,
-        description="share of the battery that shall be left at home, in percent: with end_action home it turns back in "
-        "time, by the length of the way, the speed that it flies and what it draws; safety.battery_percent where that "
-        "is more",
+        description="share of the battery that shall be left at home, in percent: with end_action home it turns back "
+        "in time, by the length of the way, the speed that it flies and what it draws; safety.battery_percent where "
+        "that is more",
     )
     time_limit_s: float = Field(1200.0, gt=0.0, le=86400.0, description="of exploring; then the flight ends, in s")
     battery_low_percent: float = Field(

@@ -8,7 +8,7 @@ from typing import Any
 from companion.flight.control_loop import ControlLoop
 from companion.flight.events import Event, EventEmitter
 from companion.flight.lookout import Lookout
-from companion.flight.operator_commands import OperatorCommands, Wish
+from companion.flight.operator_commands import OperatorCommands
 from companion.flight.phase import PhaseEvent
 from companion.flight.preflight.ready import LOOK_PERIOD_S
 from companion.flight.session import Session

@@ -87,7 +87,7 @@ class Lookout:
         )
 
     def _look_for_more(self, now_s: float) -> None:
-        """Whether the mission is done, as long as it explores; while it is paused it finds nothing, and nothing ends."""
+        """Whether the mission is done, as long as it explores; a pause does not count."""
         if now_s < self._next_done_s or self._session.flight.phase is not FlightPhase.EXPLORING:
             return
         self._next_done_s = now_s + DONE_PERIOD_S

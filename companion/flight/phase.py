@@ -2,8 +2,8 @@
 
     CHECKING -> WAITING -> TAKING_OFF -> EXPLORING -> HOMING -> LEAVING -> ENDED
 
-The end has priority: once the vehicle is being left, nothing leads back to steering it, and no phase is entered twice. A
-person may pause a flight that is steered; whatever turns it back or ends it ends the pause as well.
+The end has priority: once the vehicle is being left, nothing leads back to steering it, and no phase is entered twice.
+A person may pause a flight that is steered; whatever turns it back or ends it ends the pause as well.
 """
 
 from __future__ import annotations

@@ -37,8 +37,8 @@ STAGE_S = 0.125
 """The application is told the stage again this often: a notice of it may have been lost."""
 NOT_LISTED = "not on the list"
 STOPPABLE = frozenset({MavComponent.ALL, MavComponent.AUTOPILOT1, MavComponent.ONBOARD_COMPUTER2})
-"""Whom a person may have meant with a stop. For the application it is a pause, with which the flight can go on: one that
-does not tick any more is stopped by that."""
+"""Whom a person may have meant with a stop. For the application the same order is a pause, after which the flight can
+go on; one that is too ill to obey completes no ticks, and is stopped for that."""
 
 Fields = Mapping[str, Any]
 

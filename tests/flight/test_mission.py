@@ -22,8 +22,8 @@ from companion.control.completion import SUSTAINED_S, MapWord
 from companion.control.left_out import LeftOut, Why
 from companion.control.navigator import Navigator
 from companion.flight import mission
-from companion.flight.airborne import DONE_PERIOD_S
 from companion.flight.gate_client import GateClient
+from companion.flight.lookout import DONE_PERIOD_S
 from companion.flight.navigation_files import Navigation
 from companion.flight.phase import PhaseMachine
 from companion.flight.preflight import check_names

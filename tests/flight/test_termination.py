@@ -37,12 +37,16 @@ def conditions(vehicle: dict[str, Any] | None = None, **changes: Any) -> Conditi
         gate_took_over=False,
         gate_lost=False,
         stop_asked=False,
+        landing_asked=False,
         complete=False,
         flown_s=10.0,
         blind_s=0.0,
         awake_s=600.0,
         battery_silent_s=0.0,
         map_silent_s=0.5,
+        charge_percent=80.0,
+        reserve_due=False,
+        is_home=False,
     )
     return replace(well, **changes)
 
