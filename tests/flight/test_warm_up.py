@@ -11,7 +11,7 @@ from companion.pipeline import Explorer
 
 
 def test_the_way_home_is_compiled_before_a_flight_with_its_recognition_of_places() -> None:
-    """Protects the turning back: compiled there, it took half a second in which no setpoint came, and the gate braked."""
+    """Protects the turning back: compiled there, it took half a second without a setpoint: the gate braked."""
     settings = load_settings(None, "flight")
     explorer, eyes = Explorer(settings, np.random.default_rng(1)), Eyes(settings)
     pose = Pose(0.0, -8.0, 0.3, settings.control.height_m, 0.2)
