@@ -24,6 +24,9 @@ LONGER, LONGER_S = 3.0, 120.0
 SHORT_FOR_S = 10.0
 """A battery that will not last until home is told after this long: its percents come whole, and jump."""
 
+LEVEL_SLOPE = 0.15
+"""Steeper ground is told before it lands there; what legs stand on without sliding is the airframe's."""
+
 
 @dataclass(slots=True)
 class Homecoming:
@@ -167,9 +170,9 @@ class ComingHome:
         if measurement is None:
             return []
         d_m, slope = measurement.d_m, measurement.ground_slope
-        critical_m, steepest = self._settings.control.critical_margin_m, self._settings.sensors.scan.max_ground_slope
+        critical_m = self._settings.control.critical_margin_m
         out = []
-        if slope is not None and abs(slope) > steepest:
+        if slope is not None and abs(slope) > LEVEL_SLOPE:
             out.append(f"a slope of {abs(slope):.0%}")
         if d_m is not None and d_m < critical_m:
             out.append(f"{d_m:.1f} m beside a wall")
