@@ -72,7 +72,11 @@ class Homeward(Decisions):
         """Of the way home from a place, as it would be flown, straight by straight; None where no way is known."""
         self._t_s = t_s
         ways = self._ways(place)
-        return None if ways is None else ways.length_m(place)
+        if ways is None:
+            return None
+        if ways.window.cell(place) == ways.window.cell(self.home):
+            return math.hypot(self.home.x_m - place.x_m, self.home.y_m - place.y_m)
+        return ways.length_m(place)
 
     def _ways(self, place: Place) -> Ways | None:
         if self._found is None or self._t_s - self._searched_s >= SEARCH_PERIOD_S:
