@@ -124,7 +124,7 @@ class Airborne:
         self._events.emit(
             Event.ENDED if why.as_it_should else Event.ENDED_EARLY,
             why=f"{why.value} {detail}".strip(),
-            end=why.value,
+            end=why.in_brief,
             then="hands off" if why.hands_off else THEN.get(self._action(why), "landing"),
         )
 
