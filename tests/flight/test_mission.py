@@ -191,9 +191,11 @@ async def test_a_flight_from_the_checks_to_the_summary(
     assert any(line.startswith("exploring ended: complete; coming home, ") for line in scene.lines)
     texts = [fields["text"] for fields in scene.link.sent_named("STATUSTEXT")]
     assert any(text.startswith("coming home: complete, ") for text in texts)
-    assert texts.index("companion: home: landing") < texts.index("companion: landed 0.0 m from home")
+    assert [text for text in texts if "home" in text][1] == "companion: home: landing"
+    assert texts[-1].startswith("companion: landed 0."), "after the landing"
     end = summary["end"]
-    assert (end["arrived"], end["ended_because"], end["off_home_m"]) == (True, "home", 0.0)
+    assert (end["arrived"], end["ended_because"]) == (True, "home")
+    assert end["off_home_m"] < 0.25, "all of its images are the same: it takes itself to be a little elsewhere"
     assert end["homing_s"] < 5.0, "it never left, and settles for two seconds"
     flown = figures(folder / "flight.mcap")
     lasted_s = ENDED_S + end["homing_s"]
