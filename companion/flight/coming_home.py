@@ -38,7 +38,7 @@ class Homecoming:
         homing_s: how long it took.
         off_home_m: how far from home it landed, by its own account; the landing itself is in it.
         charge_turning_percent: of the battery where it turned back.
-        charge_promised_percent: what should be left after the landing at home.
+        charge_promised_percent: what should be left after the landing at home, by the first word on it.
         charge_came_percent: what was.
     """
 
@@ -125,6 +125,8 @@ class ComingHome:
             if now_s >= next_tell_s:
                 next_tell_s = now_s + TELL_PERIOD_S
                 self._events.emit(Event.HOMING_PROGRESS, outlook=self._prospect.in_words())
+            if self.homecoming.charge_promised_percent is None:
+                self.homecoming.charge_promised_percent = self._prospect.left_percent
             self._watch_reach(now_s)
             await clock.sleep(LOOK_PERIOD_S)
         came = self.homecoming

@@ -94,7 +94,7 @@ def test_a_pilot_who_takes_over_keeps_the_vehicle(tmp_path: Path) -> None:
 @pytest.mark.timeout(150)
 @pytest.mark.parametrize("times", [1, 2])
 def test_ctrl_c_ends_the_exploring_and_the_next_one_the_way_home(times: int, tmp_path: Path) -> None:
-    """Protects the operator's way to end a flight: an interrupt is an order to come home, not the end of the program."""
+    """Protects the operator's way to end a flight: an interrupt is an order to come home, no end of the program."""
     with flown(tmp_path, "px4") as flight:
         flight.explore_for(15.0)
         for _ in range(times):
