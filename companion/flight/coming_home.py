@@ -110,7 +110,8 @@ class ComingHome:
         began_s = clock.now_s()
         limit_s = self._prospect.longest_way_s(began_s, LONGER, LONGER_S)
         self._session.flight.update(PhaseEvent.TURNED_BACK)
-        self._events.emit(Event.HOMING, why=because.value, brief=because.in_brief, outlook=outlook)
+        instead = "Ctrl-C once more" if self._operator.interrupted else "Ctrl-C twice"
+        self._events.emit(Event.HOMING, why=because.value, brief=because.in_brief, outlook=outlook, instead=instead)
         self._lookout.begin()
         wish, next_tell_s = self._operator.wish, began_s + TELL_PERIOD_S
         while True:

@@ -89,7 +89,7 @@ class Event(enum.Enum):
     )
 
     HOMING = Texts(
-        "exploring ended: {why}; coming home, {outlook} (Ctrl-C, once more after a first one: land here)",
+        "exploring ended: {why}; coming home, {outlook} (to land here instead: {instead})",
         "coming home: {brief}, {outlook}",
         content.HOMING,
         "{why}, {outlook}",
@@ -97,7 +97,7 @@ class Event(enum.Enum):
         MavState.ACTIVE,
     )
     HOMING_PROGRESS = Texts("on the way home: {outlook}", "home: {outlook}", content.HOMING, "{outlook}")
-    HOMING_ALREADY = Texts("it is on its way home; once more to land here")
+    HOMING_ALREADY = Texts("it is on its way home already; to land here instead: Ctrl-C once more")
     OUT_OF_REACH = Texts(
         "the battery will not last until home: it flies on towards it and lands with {spent} % left",
         "home out of reach: lands at {spent} %",
