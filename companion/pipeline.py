@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,17 @@ from companion.control.known_ground import Outlook
 from companion.control.navigator import Navigator
 from companion.model import Input, Measurement, Mode, Observation, Setpoint
 from companion.perception import Extractor
+
+
+@enum.unique
+class Order(enum.StrEnum):
+    """What the navigator is told at a tick in which it steers."""
+
+    EXPLORE = "explore"
+    HOME = "home"
+    """From now on home; after the first of these nothing leads back to exploring."""
+    WAIT = "wait"
+    """A person has paused the flight: stand, and go on with what was before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +49,7 @@ class Tick:
         height_m: H, the height above ground that the navigator was to keep.
         duration_s: from the start of the tick until it was done.
         stepped: whether the navigator was asked, which changes what it remembers, even where its answer was not used.
+        order: what it was told then.
     """
 
     t_s: float
@@ -48,6 +61,7 @@ class Tick:
     height_m: float
     duration_s: float
     stepped: bool
+    order: Order = Order.EXPLORE
 
     @property
     def missing(self) -> tuple[Input, ...]:
@@ -85,7 +99,10 @@ class Explorer:
         """Measure without steering: on the ground, and while the pilot flies."""
         return self._extractor.measure(observation)
 
-    def step(self, observation: Observation) -> Steering:
-        """One sampling period: measure, then execute the navigation law."""
+    def step(self, observation: Observation, order: Order = Order.EXPLORE) -> Steering:
+        """One sampling period: measure, then execute the navigation law, or wait."""
         measurement = self._extractor.measure(observation)
-        return Steering(measurement, self.navigator.step(measurement, observation.pose, observation.t_s))
+        if order is Order.HOME:
+            self.navigator.go_home(observation.t_s)
+        steer = self.navigator.wait if order is Order.WAIT else self.navigator.step
+        return Steering(measurement, steer(measurement, observation.pose, observation.t_s))

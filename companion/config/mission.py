@@ -33,15 +33,16 @@ class MissionSettings(Section):
     )
     end_action: Literal["home", "hold", "land"] = Field(
         "home",
-        description="how a flight ends on stop, completion, time or low battery: home flies back over known ground and "
-        "lands where it started; hold and land end it where it is",
+        description="what follows the exploring when it is complete, stopped, or ended by time or battery: home (back "
+        "the way that it knows, and land where it took off), hold or land where it is",
     )
     reserve_percent: float = Field(
         25.0,
         ge=0.0,
         le=90.0,
-        description="share of the battery that shall be left on arrival at home, in percent: the exploring ends when "
-        "the way home, at the speed really flown and with the drain measured, would leave less",
+        description="share of the battery that shall be left at home, in percent: with end_action home it turns back "
+        "in time, by the length of the way, the speed that it flies and what it draws; safety.battery_percent where "
+        "that is more",
     )
     time_limit_s: float = Field(1200.0, gt=0.0, le=86400.0, description="of exploring; then the flight ends, in s")
     battery_low_percent: float = Field(

@@ -111,6 +111,7 @@ class Navigator:
         self._mode_changes = 0
         self._extensions = 0
         self._extended_s = -math.inf
+        self._waits = False
 
     @property
     def status(self) -> Status:
@@ -159,6 +160,17 @@ class Navigator:
         """Whether the vehicle was told to go home and stands there."""
         return self.homing.is_home
 
+    def wait(self, measurement: Measurement, pose: Pose, t_s: float) -> Setpoint:
+        """One sampling period in the place of `step`, while a person lets it wait: it stands, and decides nothing."""
+        scan = measurement.scan
+        self._holding = self._waits = True
+        self._last_yaw_rad = None
+        wanted = Setpoint(t_s, 0.0, climbing.climb_mps(self.height_m, measurement, pose, True, self.parameters), 0.0)
+        if measurement.missing or scan is None or not _is_finite(measurement, pose):
+            self._standing.release()
+            return self._ramp.limit(wanted)
+        return self._ramp.limit(self._standing.of(wanted, scan, measurement.sides, self.homing.pose(pose)))
+
     def step(self, measurement: Measurement, pose: Pose, t_s: float) -> Setpoint:
         """One sampling period: switch the mode if a rule says so, then execute the laws (6), (7) and (12).
 
@@ -167,6 +179,8 @@ class Navigator:
         """
         scan = measurement.scan
         readable = scan is not None and _is_finite(measurement, pose)
+        if self._waits:
+            self._go_on_after_waiting(t_s)
         self._holding = bool(measurement.missing) or not readable
         if self.homing.homeward is not None:
             pose = self._realigned(measurement, pose, t_s)
@@ -201,6 +215,14 @@ class Navigator:
         speed = self._speed_mps(measurement, scan, pose)
         wanted = Setpoint(t_s, speed, climb, self._yaw_rate_radps(measurement, scan, pose))
         return self._ramp.limit(self._standing.of(wanted, scan, measurement.sides, pose))
+
+    def _go_on_after_waiting(self, t_s: float) -> None:
+        """What is counted in time begins anew: it was not for want of a way that it came no further."""
+        self._waits = False
+        self._boundary_seen_s = t_s
+        self.homing.wait(t_s)
+        if self._target is not None:
+            self._progress.begin(self._target, t_s)
 
     def _realigned(self, measurement: Measurement, pose: Pose, t_s: float) -> Pose:
         """Where it is on its way home, by the position of its way out."""

@@ -88,7 +88,9 @@ def _work(request_fd: int, gate: GateSocket) -> int:
     if summary["interrupted"]:
         return EXIT_INTERRUPTED
     if not summary["as_it_should"]:
-        raise FlightFailedError(f"the flight ended because: {summary['ended_because']}")
+        end = summary["end"]
+        home = "" if end is None else f"; the way home: {end['ended_because'] or 'broke off'}"
+        raise FlightFailedError(f"the flight ended because: {summary['ended_because']}{home}")
     return 0
 
 

@@ -1,4 +1,4 @@
-"""The part of a flight in the air: take off, explore until there is a reason to end it, end it."""
+"""The part of a flight in the air: take off, explore until there is a reason to end it, come home, end it."""
 
 from __future__ import annotations
 
@@ -7,25 +7,22 @@ from collections.abc import Coroutine
 from typing import Any
 
 from companion.autopilot.vehicle import Vehicle
-from companion.control.completion import Completion
+from companion.flight.coming_home import ComingHome, Homecoming
 from companion.flight.control_loop import ControlLoop
 from companion.flight.events import Event, EventEmitter
 from companion.flight.gate_client import GateLostError, GateTookOverError
-from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands
+from companion.flight.lookout import Lookout
+from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands, Wish
 from companion.flight.phase import PhaseEvent
 from companion.flight.preflight.ready import LOOK_PERIOD_S
 from companion.flight.session import Session
 from companion.flight.tasks import background, first_of
-from companion.flight.termination import Conditions, Termination, termination
+from companion.flight.termination import Conditions, Termination, is_spent, termination
 from companion.mapping.process.client import MapClient
 from companion.mavlink.modes import mode_name, personality
 from companion.model import Pose
 
-DONE_PERIOD_S = 2.0
-"""It is asked this often whether anything is left: a search takes some milliseconds of the loop that steers."""
-
-STALL_S = 0.5
-"""A look that comes later than this tells that we stood still ourselves, and that others may be well."""
+THEN = {"land": "landing", "hold": "holding"}
 
 
 class Airborne:
@@ -51,16 +48,21 @@ class Airborne:
         self.end: Pose | None = None
         self._session = session
         self._settings = session.settings
-        self._completion = Completion(2.0 * self._settings.control.critical_margin_m)
         self._gate = session.gate
         self._operator = operator
         self._vehicle = vehicle
         self._control_loop = control_loop
         self._mapper = mapper
         self._events = events
+        self._coming_home: ComingHome | None = None
+
+    @property
+    def homecoming(self) -> Homecoming | None:
+        """How the way home was; None when it did not try."""
+        return None if self._coming_home is None else self._coming_home.homecoming
 
     async def run(self) -> Termination:
-        """Fly. Leaving the vehicle's context leaves it holding or landing, whatever happened.
+        """Fly; why the exploring ended. Leaving the vehicle's context leaves it holding or landing, whatever happened.
 
         Raises:
             GateLostError: the safety gate ended before or after the exploring.
@@ -74,19 +76,21 @@ class Airborne:
         try:
             async with background(self._control_loop.run()), vehicle:
                 try:
-                    why = await self._explore()
+                    why, last = await self._explore()
                 finally:
                     phases.update(PhaseEvent.STOPPED)
-                if not why.hands_off:
-                    lands = self._settings.mission.end_action == "land"
-                    await self._while_it_can(vehicle.land() if lands else vehicle.hold())
+                if not last.hands_off:
+                    await self._while_it_can(vehicle.hold() if self._action(why) == "hold" else vehicle.land())
+                    if self._coming_home is not None:
+                        self._coming_home.landed()
         finally:
             if self._is_left():
                 phases.update(PhaseEvent.LEFT)
                 self._gate.ended()
         return why
 
-    async def _explore(self) -> Termination:
+    async def _explore(self) -> tuple[Termination, Termination]:
+        """Take off, explore, and come home where that is what follows: why each of the two last ended."""
         vehicle, control_loop, ends = self._vehicle, self._control_loop, (self._operator.stop, self._gate.taken)
         climb = vehicle.take_off(self._settings.control.height_m, control_loop.measured_height_m)
         await self._while_it_can(climb, *ends)
@@ -95,57 +99,42 @@ class Airborne:
         control_loop.fresh_s = began_s
         self._session.flight.update(PhaseEvent.ENGAGED)
         self._events.emit(Event.EXPLORING)
-        why = await self._until_the_end(began_s)
+        lookout = Lookout(self._session, self._operator, vehicle, control_loop, self._mapper)
+        why, now = await self._until_the_end(lookout)
         self.explored_s = self._session.clock.now_s() - began_s
-        self.end = self._control_loop.pose
-        self._tell_end(why)
-        return why
+        self.done_at_s = round(self.explored_s, 1) if now.complete else None
+        self.end = control_loop.pose
+        if self._action(why) != "home" or is_spent(now, self._settings) or control_loop.off_home_m() is None:
+            self._tell_end(why)
+            return why, why
+        self._coming_home = ComingHome(self._session, self._operator, control_loop, lookout, self._events)
+        return why, await self._coming_home.run(why)
+
+    def _action(self, why: Termination) -> str:
+        """What follows the exploring: home, hold or land. What a person asked for goes before the settings."""
+        wish, action = self._operator.wish, self._settings.mission.end_action
+        if wish is Wish.LAND and why is Termination.STOPPED:
+            return "land"
+        if wish is Wish.HOME and why is Termination.STOPPED:
+            return "home"
+        return "land" if action == "home" and not why.leaves_a_way_home else action
 
     def _tell_end(self, why: Termination) -> None:
         detail = (self._gate.took_over if why is Termination.GATE else self._vehicle.taken_over) or ""
-        then = {"land": "landing", "hold": "holding"}[self._settings.mission.end_action]
         self._events.emit(
             Event.ENDED if why.as_it_should else Event.ENDED_EARLY,
             why=f"{why.value} {detail}".strip(),
-            end=why.value,
-            then="hands off" if why.hands_off else then,
+            end=why.in_brief,
+            then="hands off" if why.hands_off else THEN.get(self._action(why), "landing"),
         )
 
-    async def _until_the_end(self, began_s: float) -> Termination:
-        session = self._session
-        battery_s: float | None = None
-        awake_since_s = looked_s = began_s
-        is_done, next_done_s = False, began_s
+    async def _until_the_end(self, lookout: Lookout) -> tuple[Termination, Conditions]:
         while True:
-            now_s = session.clock.now_s()
-            if now_s - looked_s > LOOK_PERIOD_S + STALL_S:
-                awake_since_s = now_s
-            looked_s = now_s
-            state = session.telemetry.state(now_s)
-            if state.battery_percent is not None:
-                battery_s = now_s
-            if now_s >= next_done_s:
-                next_done_s = now_s + DONE_PERIOD_S
-                is_done = self._completion.update(now_s, self._control_loop.is_way_left(), self._mapper.status.word)
-            conditions = Conditions(
-                vehicle=state,
-                taken_over=self._vehicle.taken_over is not None,
-                by_failsafe=self._vehicle.by_failsafe,
-                gate_took_over=self._gate.took_over is not None,
-                gate_lost=self._gate.lost.is_set(),
-                stop_asked=self._operator.stop.is_set(),
-                complete=is_done,
-                flown_s=now_s - began_s,
-                blind_s=now_s - self._control_loop.fresh_s,
-                awake_s=now_s - awake_since_s,
-                map_silent_s=self._mapper.status.age_s,
-                battery_silent_s=0.0 if battery_s is None else now_s - battery_s,
-            )
-            why = termination(conditions, self._settings)
+            now = lookout.look()
+            why = termination(now, self._settings)
             if why is not None:
-                self.done_at_s = round(now_s - began_s, 1) if is_done else None
-                return why
-            await session.clock.sleep(LOOK_PERIOD_S)
+                return why, now
+            await self._session.clock.sleep(LOOK_PERIOD_S)
 
     async def _while_it_can(self, manoeuvre: Coroutine[Any, Any, object], *stops: asyncio.Event) -> None:
         """Run a manoeuvre. The loss of the gate breaks it off, and so does what else is handed in."""

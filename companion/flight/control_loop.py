@@ -7,9 +7,10 @@ import time
 from collections.abc import AsyncIterator, Callable
 
 from companion.clock import Clock
+from companion.control.homing.homing import WayHome
 from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.model import Input, Measurement, Mode, Pose, Setpoint
-from companion.pipeline import Explorer, Tick
+from companion.pipeline import Explorer, Order, Tick
 from companion.sensors.synchronizer import Synchronizer
 
 Watcher = Callable[[Tick], None]
@@ -48,7 +49,7 @@ class Rate:
 
 
 class ControlLoop:
-    """Looks always, steers while the flight explores.
+    """Looks always, steers while the flight explores and comes home.
 
     A tick whose pose is missing sends nothing: a velocity means nothing to an autopilot that may not know its own, and
     silence is what the layers below react to. A tick that lacks anything else sends zero: to stop needs no depth.
@@ -95,6 +96,27 @@ class ControlLoop:
         """Whether known ground has a way to something unseen; None where that is not known, as without a pose."""
         return None if self.pose is None else self._explorer.navigator.is_way_left(self.pose)
 
+    def way_home(self, anew: bool = False) -> WayHome | None:
+        """How far home is, as of the last seconds or searched anew; None where no way is known, or home is not."""
+        if self.pose is None or self.measurement is None:
+            return None
+        return self._explorer.navigator.way_home(self.measurement, self.pose, anew)
+
+    @property
+    def lands_elsewhere(self) -> bool:
+        """Whether home could not be got to, and it lands beside it."""
+        return self._explorer.navigator.homing.lands_elsewhere
+
+    def off_home_m(self) -> float | None:
+        """How far home is as the crow flies, by what the vehicle recognises; None without a pose or a home."""
+        homing = self._explorer.navigator.homing
+        return None if self.pose is None or homing.home is None else homing.to_go_m(homing.pose(self.pose))
+
+    @property
+    def is_home(self) -> bool:
+        """Whether the vehicle has come home and stands there."""
+        return self._explorer.navigator.is_home
+
     async def run(self) -> None:
         """Tick until cancelled."""
         async for now_s in self._rate.ticks():
@@ -103,12 +125,12 @@ class ControlLoop:
     def tick(self, now_s: float) -> Tick:
         """One sampling period."""
         began = time.perf_counter()
-        exploring = self._flight.phase is FlightPhase.EXPLORING
+        steered, order = self._flight.phase.steered, self._order()
         observation = self._inputs.observe(now_s)
         measurement: Measurement | None = None
         setpoint: Setpoint | None = None
-        if observation is not None and exploring:
-            steering = self._explorer.step(observation)
+        if observation is not None and steered:
+            steering = self._explorer.step(observation, order)
             measurement, setpoint = steering.measurement, steering.setpoint
         elif observation is not None:
             measurement = self._explorer.look(observation)
@@ -129,12 +151,18 @@ class ControlLoop:
             observation=observation,
             measurement=measurement,
             setpoint=setpoint,
-            mode=navigator.status.mode if exploring and not missing else Mode.HOLD,
+            mode=navigator.status.mode if steered and not missing else Mode.HOLD,
             sent=sent,
             height_m=navigator.height_m,
             duration_s=time.perf_counter() - began,
-            stepped=exploring and observation is not None,
+            stepped=steered and observation is not None,
+            order=order,
         )
         for watch in self._watchers:
             watch(tick)
         return tick
+
+    def _order(self) -> Order:
+        if self._flight.paused:
+            return Order.WAIT
+        return Order.HOME if self._flight.phase is FlightPhase.HOMING else Order.EXPLORE

@@ -64,6 +64,9 @@ class Event(enum.Enum):
     TAKING_OFF = Texts("taking off", "companion: taking off", "phase", severity=_NOTICE, state=MavState.ACTIVE)
     EXPLORING = Texts("exploring", "companion: exploring", content.ENGAGED, severity=_NOTICE, state=MavState.ACTIVE)
 
+    PAUSED = Texts("paused: it stands until it is told to continue", "companion: paused", "pause", severity=_NOTICE)
+    CONTINUED = Texts("goes on", "companion: goes on", "pause", severity=_NOTICE)
+
     PROGRESS = Texts("{line}")
     NAVIGATOR_MODE = Texts(status="{mode}")
     INPUTS_LOST = Texts(
@@ -84,6 +87,48 @@ class Event(enum.Enum):
     ENDED_EARLY = Texts(
         "exploring ended: {why}", "companion: {end}: {then}", content.ENDED, "{why}", _WARNING, state=MavState.EMERGENCY
     )
+
+    HOMING = Texts(
+        "exploring ended: {why}; coming home, {outlook} (to land here instead: {instead})",
+        "coming home: {brief}, {outlook}",
+        content.HOMING,
+        "{why}, {outlook}",
+        _NOTICE,
+        MavState.ACTIVE,
+    )
+    HOMING_PROGRESS = Texts("on the way home: {outlook}", "home: {outlook}", content.HOMING, "{outlook}")
+    HOMING_ALREADY = Texts("it is on its way home already; to land here instead: Ctrl-C once more")
+    OUT_OF_REACH = Texts(
+        "the battery will not last until home: it flies on towards it and lands with {spent} % left",
+        "home out of reach: lands at {spent} %",
+        content.HOMING,
+        severity=_WARNING,
+    )
+    HOMING_ENDED = Texts(
+        "the way home ended: {why}; {then}", "companion: {brief}: {then}", content.ENDED, "{recorded}", _NOTICE
+    )
+    HOMING_ENDED_EARLY = Texts(
+        "the way home ended: {why}; {then}",
+        "companion: {brief}: {then}",
+        content.ENDED,
+        "{recorded}",
+        _WARNING,
+        state=MavState.EMERGENCY,
+    )
+    LANDS_BESIDE_HOME = Texts(
+        "where it took off cannot be got to any more: landing at the nearest place of its way that can",
+        "home is taken: landing beside it",
+        "landing",
+        severity=_WARNING,
+    )
+    UNFIT_TO_LAND = Texts("the place to land is {what}", "landing place: {what}", "landing", severity=_WARNING)
+    LANDED = Texts(
+        "landed {off} from where it took off, by its own account",
+        "companion: landed {off} from home",
+        "landing",
+        severity=_NOTICE,
+    )
+
     BROKE_OFF = Texts(kind=content.ENDED, recorded="{why}", severity=_ERROR)
     MAP_WRITING = Texts("writing the map")
     MAP_STILL_WRITTEN = Texts("writing the map: a moment; interrupt once more to end with what is there")

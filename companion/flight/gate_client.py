@@ -28,6 +28,7 @@ GATE_PHASE = {
     FlightPhase.WAITING: Phase.GROUND,
     FlightPhase.TAKING_OFF: Phase.CLIMBING,
     FlightPhase.EXPLORING: Phase.EXPLORING,
+    FlightPhase.HOMING: Phase.EXPLORING,
     FlightPhase.LEAVING: Phase.ENDING,
     FlightPhase.ENDED: Phase.ENDED,
 }

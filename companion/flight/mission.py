@@ -22,6 +22,7 @@ from companion.config.show import dump_yaml
 from companion.control.left_out import LeftOut, in_words, merged
 from companion.errors import InputError
 from companion.flight.airborne import Airborne
+from companion.flight.coming_home import Homecoming
 from companion.flight.events import Event, EventEmitter, console, recording, status_text
 from companion.flight.gate_client import GateClient
 from companion.flight.gate_socket import GateSocket
@@ -168,7 +169,10 @@ class _Flight:
             # Not in the loop: the gate goes on hearing of us.
             on_ground = await asyncio.to_thread(_left_out_on_ground, explorer, airborne.end)
             left_out = merged((*on_ground, *mapper.left_out))
+            home = airborne.homecoming
             summary = self._summary(why, results, mapper, recorder) | {
+                "as_it_should": _is_as_it_should(why, home),
+                "end": None if home is None else home.as_json(),
                 "explored_s": round(airborne.explored_s, 1),
                 "done_at_s": airborne.done_at_s,
                 "left_out": [place.as_json() for place in left_out],
@@ -262,7 +266,6 @@ class _Flight:
             "seed": self._seed,
             "autopilot": session.link.kind.value,
             "ended_because": why,
-            "as_it_should": why in [termination.value for termination in Termination if termination.as_it_should],
             "interrupted": self._operator.interrupted,
             "estimated_completeness": status.completeness,
             "recording": recorder.problem or "whole",
@@ -285,6 +288,12 @@ class _Flight:
             "skipped_checks": [result.name for result in results if result.skipped],
             "versions": {name: version(name) for name in ("mine-companion", "mavsdk", "numpy", "numba")},
         }
+
+
+def _is_as_it_should(why: str, home: Homecoming | None) -> bool:
+    """Whether the mission did what it was sent for or asked for, and so did the way home where there was one."""
+    explored = why in [termination.value for termination in Termination if termination.as_it_should]
+    return explored and (home is None or home.as_it_should)
 
 
 def _left_out_on_ground(explorer: Explorer, end: Pose | None) -> tuple[LeftOut, ...]:

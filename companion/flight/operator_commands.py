@@ -1,9 +1,10 @@
-"""Start and stop as people ask for them: by key, by signal, or by a command from a ground station."""
+"""What people ask of a flight: start, pause, come home, land; by key, by signal, or from a ground station."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import enum
 import functools
 import signal
 import sys
@@ -32,11 +33,22 @@ class UnfinishedError(CompanionError):
     """The writing of the map was broken off by whoever did not want to wait."""
 
 
+class Wish(enum.IntEnum):
+    """How a person wants the flight to go on; the larger one counts, and none is taken back."""
+
+    NOTHING = 0
+    END = 1
+    """The exploring shall end, as ``mission.end_action`` says."""
+    HOME = 2
+    LAND = 3
+    """Where it is."""
+
+
 class OperatorCommands:
-    """Start and stop, from wherever they come.
+    """What people ask for, from wherever it comes.
 
     Args:
-        by_command: whether a ground station may start the flight; it may always stop it.
+        by_command: whether a ground station may start the flight; it may always end it.
         flight: knows the phase. A start that comes before one is waited for is refused: nobody expects a take-off
             minutes later. A signal in the air waits until the vehicle is down.
     """
@@ -44,6 +56,8 @@ class OperatorCommands:
     def __init__(self, by_command: bool, flight: PhaseMachine) -> None:
         self.start = asyncio.Event()
         self.stop = asyncio.Event()
+        """Ends a take-off."""
+        self.wish = Wish.NOTHING
         self.interrupted = False
         """Whether the stop came as a signal: Ctrl-C, or the end of the service."""
         self._by_command = by_command
@@ -138,10 +152,15 @@ class OperatorCommands:
         if self._instead is not None:
             self._instead()
             return
+        # Who comes home is told once more: then it lands where it is.
+        self._want(Wish.LAND if self.interrupted else Wish.END)
         self.interrupted = True
-        self.stop.set()
         if not self._flight.phase.airborne and self._task is not None:
             self._task.cancel()
+
+    def _want(self, wish: Wish) -> None:
+        self.wish = max(self.wish, wish)
+        self.stop.set()
 
     def _on_command(self, link: Link, message: Message) -> None:
         command = integer(message, "command")
@@ -174,8 +193,23 @@ class OperatorCommands:
             self.start.set()
             return MavResult.ACCEPTED
         if command == MavCmd.DO_PAUSE_CONTINUE:
-            if parameter != 0.0:
-                return MavResult.DENIED
-            self.stop.set()
-            return MavResult.ACCEPTED
+            return self._pause_or_continue(parameter)
+        if command in (MavCmd.NAV_RETURN_TO_LAUNCH, MavCmd.NAV_LAND):
+            return self._come_or_land(command)
         return MavResult.UNSUPPORTED
+
+    def _pause_or_continue(self, parameter: float) -> int:
+        if parameter not in (0.0, 1.0):
+            return MavResult.DENIED
+        if parameter == 0.0 and self._flight.phase is FlightPhase.TAKING_OFF:
+            # There is nothing to go on with, and whoever pauses a climb wants it to stop.
+            self._want(Wish.END)
+            return MavResult.ACCEPTED
+        return MavResult.ACCEPTED if self._flight.pause(parameter == 0.0) else MavResult.TEMPORARILY_REJECTED
+
+    def _come_or_land(self, command: int) -> int:
+        lands, phase = command == MavCmd.NAV_LAND, self._flight.phase
+        if not phase.steered and not (lands and phase is FlightPhase.TAKING_OFF):
+            return MavResult.TEMPORARILY_REJECTED
+        self._want(Wish.LAND if lands else Wish.HOME)
+        return MavResult.ACCEPTED

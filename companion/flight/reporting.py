@@ -8,13 +8,13 @@ from companion.autopilot.status_reporter import StatusReporter
 from companion.autopilot.telemetry import Telemetry
 from companion.flight.control_loop import Watcher
 from companion.flight.events import Event, EventEmitter
-from companion.flight.phase import FlightPhase, PhaseMachine
+from companion.flight.phase import PhaseMachine
 from companion.mapping.process.client import MapClient
 from companion.model import Mode
 from companion.pipeline import Tick
 
 LINE_PERIOD_S = 5.0
-"""The operator gets a line this often while exploring."""
+"""The operator gets a line this often while exploring and coming home."""
 
 MISSING_FOR_S = 0.5
 """Inputs that are missing for longer are an event; a frame that is late is none."""
@@ -67,6 +67,7 @@ class TickReporter:
         self._mapper = mapper
         self._flight = flight
         self._mode: Mode | None = None
+        self._paused = False
         self._missing_since_s: float | None = None
         self._lost: set[str] = set()
         """The missing inputs that were told."""
@@ -85,8 +86,9 @@ class TickReporter:
         self._status_reporter.value("d", None if measurement is None else measurement.d_m)
         self._status_reporter.value("h", None if measurement is None else measurement.h_m)
         self._status_reporter.value("complete", self._mapper.status.completeness)
-        if self._flight.phase is not FlightPhase.EXPLORING:
+        if not self._flight.phase.steered:
             return
+        self._watch_pause()
         self._watch_inputs(tick)
         if tick.mode is not self._mode and not tick.missing:
             self._mode = tick.mode
@@ -116,6 +118,12 @@ class TickReporter:
             self._emit(Event.MAP_TROUBLE, problem=problem)
         else:
             self._emit(Event.MAP_WELL)
+
+    def _watch_pause(self) -> None:
+        paused = self._flight.paused
+        if paused is not self._paused:
+            self._paused = paused
+            self._emit(Event.PAUSED if paused else Event.CONTINUED)
 
     def _watch_inputs(self, tick: Tick) -> None:
         if not tick.missing:

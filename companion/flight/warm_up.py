@@ -40,10 +40,11 @@ from companion.model import (
     Setpoint,
     wrap_rad,
 )
-from companion.pipeline import Explorer
+from companion.pipeline import Explorer, Order
 
 FLIGHT_S = 150.0
 WARM_S = 2.0
+HOMING_S = 1.0
 LARGE_PX = (640, 480)  # larger images are reduced first, which is one more compiled function
 FLOOR_M, ROOF_M = 0.0, 3.0
 
@@ -148,7 +149,20 @@ def fly(settings: Settings, flight_s: float) -> tuple[VoxelMap, Floats]:
         if tick == 0:
             _decide(steering.measurement, pose, settings)
         pose = moved(pose, steering.setpoint, period_s)
+    come_home(explorer, eyes, pose, period_s)
     return voxels, np.array(flown)
+
+
+def come_home(explorer: Explorer, eyes: Eyes, pose: Pose, period_s: float) -> int:
+    """Ask how far home is and begin to fly there; how often the vehicle recognised where it is."""
+    navigator = explorer.navigator
+    for _ in range(round(HOMING_S / period_s)):
+        steering = explorer.step(
+            Observation(pose.t_s, pose, eyes.frame(pose, read_only=False), eyes.ranges(pose)), Order.HOME
+        )
+        navigator.way_home(steering.measurement, pose)
+        pose = moved(pose, steering.setpoint, period_s)
+    return navigator.homing.matches
 
 
 def _decide(measurement: Measurement, pose: Pose, settings: Settings) -> None:

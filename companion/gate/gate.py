@@ -36,10 +36,9 @@ BURST_S = 0.5
 STAGE_S = 0.125
 """The application is told the stage again this often: a notice of it may have been lost."""
 NOT_LISTED = "not on the list"
-STOPPABLE = frozenset(
-    {MavComponent.ALL, MavComponent.AUTOPILOT1, MavComponent.ONBOARD_COMPUTER, MavComponent.ONBOARD_COMPUTER2}
-)
-"""Whom a person may have meant with a stop."""
+STOPPABLE = frozenset({MavComponent.ALL, MavComponent.AUTOPILOT1, MavComponent.ONBOARD_COMPUTER2})
+"""Whom a person may have meant with a stop. For the application the same order is a pause, after which the flight can
+go on; one that is too ill to obey completes no ticks, and is stopped for that."""
 
 Fields = Mapping[str, Any]
 
@@ -356,13 +355,11 @@ class Gate:
         if fields["target_system"] not in (0, self._plan.system_id) or fields["target_component"] not in STOPPABLE:
             return False
         self._monitor.stop_ordered = True
-        # The application answers for itself; nobody else is left who does.
-        if fields["target_component"] != MavComponent.ONBOARD_COMPUTER:
-            self._answers.append(
-                self._outgoing.acknowledge(
-                    MavCmd.DO_PAUSE_CONTINUE, MavResult.ACCEPTED, frame.system_id, frame.component_id
-                )
+        self._answers.append(
+            self._outgoing.acknowledge(
+                MavCmd.DO_PAUSE_CONTINUE, MavResult.ACCEPTED, frame.system_id, frame.component_id
             )
+        )
         return True
 
     def _has_token(self, now_s: float) -> bool:

@@ -99,11 +99,12 @@ class MavFrame(enum.IntEnum):
 class MavCmd(enum.IntEnum):
     """MAV_CMD."""
 
+    NAV_RETURN_TO_LAUNCH = 20
     NAV_LAND = 21
     NAV_TAKEOFF = 22
     DO_SET_MODE = 176
     DO_PAUSE_CONTINUE = 193
-    """With parameter 1 = 0 it is a ground station's order to stop."""
+    """With parameter 1 = 0 to the application a pause, to anybody else of the vehicle a stop; 1 continues."""
     MISSION_START = 300
     """Sent to the application: start the flight."""
     COMPONENT_ARM_DISARM = 400

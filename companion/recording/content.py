@@ -22,7 +22,9 @@ FORMAT = 1
 """Goes up when older readers can no longer read what is written."""
 
 ENGAGED, ENDED = "engaged", "ended"
-"""Names of the events between which the vehicle explores by itself."""
+"""Names of the events between which the vehicle flies by itself."""
+HOMING = "homing"
+"""Name of the events of the way home: the first is where it turned back."""
 
 VERSIONS = ("mine-companion", "mavsdk", "numpy", "numba", "foxglove-sdk")
 

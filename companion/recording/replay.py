@@ -17,7 +17,7 @@ import numpy as np
 from companion.config.settings import Settings
 from companion.control.graph import Graph
 from companion.errors import InputError
-from companion.pipeline import Explorer
+from companion.pipeline import Explorer, Order
 from companion.recording import Recording, open_recording
 from companion.recording.channels import COMMANDED
 from companion.recording.flown import flown_settings
@@ -79,7 +79,7 @@ def replay(path: Path, settings: Settings | None = None) -> Replay:
             explorer.look(observation)
             continue
         explorer.navigator.height_m = then.height_m
-        now = explorer.step(observation).setpoint
+        now = explorer.step(observation, then.order).setpoint
         if then.setpoint is None:
             continue
         off = np.abs(np.subtract([getattr(now, name) for name in COMMANDED], then.setpoint))
@@ -99,17 +99,18 @@ class _Then:
     setpoint: tuple[float, ...] | None
     mode: str
     height_m: float
+    order: Order
 
 
 def _then(tick: dict[str, Any]) -> _Then | None:
     """The recorded decision; ``None`` when the navigator was not asked."""
     if not tick["stepped"]:
         return None
-    # What was recorded before setpoints had a part to the left asked for none.
-    told = {"lateral_mps": 0.0, **tick}
+    # What was recorded before setpoints had a part to the left asked for none, and nothing came home or waited.
+    told = {"lateral_mps": 0.0, "order": Order.EXPLORE, **tick}
     wanted = [told[name] for name in COMMANDED]
     setpoint = None if wanted[0] is None else tuple(map(float, wanted))
-    return _Then(setpoint, str(tick["mode"]), float(tick["wanted_height_m"]))
+    return _Then(setpoint, str(tick["mode"]), float(tick["wanted_height_m"]), Order(told["order"]))
 
 
 def _generator(recording: Recording) -> np.random.Generator:

@@ -11,18 +11,20 @@ from typing import Any, Self
 import pytest
 
 from companion.config.load import load_settings
+from companion.config.settings import Settings
 from companion.control import completion
 from companion.control.completion import MapWord
+from companion.control.homing.homing import WayHome
 from companion.flight.airborne import Airborne
 from companion.flight.events import Event, EventEmitter
 from companion.flight.gate_client import GateClient, GateLostError, GateTookOverError
-from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands
+from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands, Wish
 from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.flight.termination import Termination
 from companion.gate.faults import Fault, Stage
 from companion.gate.protocol import Notice, Phase
 from companion.mavlink.firmware import AutopilotKind
-from companion.model import Pose
+from companion.model import Measurement, Pose
 from tests.flight.fake_gate import FakeGate
 from tests.flight.test_reporting import STATUS
 from tests.flight.test_termination import conditions
@@ -81,6 +83,12 @@ class ControlLoop:
         self.fresh_s = 0.0
         self.pose = Pose(0.0, 1.0, 2.0, 1.5, 0.0)
         self.way_is_left: bool | None = None
+        self.off_m: float | None = None
+        """How far home is; None: nobody knows."""
+        self.way: WayHome | None = None
+        self.is_home = False
+        self.sees = True
+        self.measurement: Measurement | None = None
         self.fails = False
         self._gate = gate
         self._flight = flight
@@ -92,19 +100,32 @@ class ControlLoop:
     def is_way_left(self) -> bool | None:
         return self.way_is_left
 
+    def way_home(self, anew: bool = False) -> WayHome | None:
+        del anew
+        return self.way
+
+    @property
+    def lands_elsewhere(self) -> bool:
+        return False
+
+    def off_home_m(self) -> float | None:
+        return self.off_m
+
     async def run(self) -> None:
         while True:
             self._gate.look()
             if self.fails and self._flight.phase is FlightPhase.EXPLORING:
                 raise ZeroDivisionError
             self._gate.ticked(1.0, None, None)
+            if self.off_m is not None and self.sees:
+                self.fresh_s = self._clock.now_s()
             await self._clock.sleep(0.05)
 
 
 class Stand:
     """A flight on which all is well until the test says otherwise."""
 
-    def __init__(self, gate: FakeGate) -> None:
+    def __init__(self, gate: FakeGate, settings: Settings = SETTINGS) -> None:
         self.gate = gate
         self.phases = PhaseMachine()
         self.clock = HandClock()
@@ -113,12 +134,13 @@ class Stand:
         self.control_loop = ControlLoop(self.talk, self.phases, self.clock)
         self.heartbeat_s: float | None = None
         """When the autopilot was last heard; None: just now."""
+        self.charge_percent = 80.0
         self.operator = OperatorCommands(by_command=False, flight=self.phases)
         self.status = STATUS
         self.events: list[tuple[Event, dict[str, object]]] = []
         emitter = EventEmitter(lambda event, details: self.events.append((event, dict(details))))
         session = SimpleNamespace(
-            settings=SETTINGS,
+            settings=settings,
             clock=self.clock,
             link=SimpleNamespace(kind=AutopilotKind.PX4),
             telemetry=SimpleNamespace(state=self._state),
@@ -131,7 +153,13 @@ class Stand:
     def _state(self, now_s: float) -> object:
         age_s = 0.5 if self.heartbeat_s is None else now_s - self.heartbeat_s
         vehicle = self.vehicle
-        return replace(conditions().vehicle, armed=vehicle.armed, mode=vehicle.mode, heartbeat_age_s=age_s)
+        return replace(
+            conditions().vehicle,
+            armed=vehicle.armed,
+            mode=vehicle.mode,
+            heartbeat_age_s=age_s,
+            battery_percent=self.charge_percent,
+        )
 
     async def _meanwhile(self, what: str) -> None:
         await self.clock.sleep(0.3)
@@ -139,6 +167,7 @@ class Stand:
             self.status = replace(STATUS, word=NOTHING_LEFT)
         elif what == "stop":
             self.operator.stop.set()
+            self.operator.wish = Wish.END
         elif what == "gate dies":
             self.gate.die()
         elif what == "gate holds":

@@ -9,7 +9,7 @@ from companion.config.load import load_settings
 from companion.flight.control_loop import ControlLoop, Rate
 from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.model import Beam, Input, Measurement, Mode, Pose, RangeReading, Setpoint
-from companion.pipeline import Explorer, Tick
+from companion.pipeline import Explorer, Order, Tick
 from companion.pose_buffer import PoseBuffer
 from companion.sensors.sink import RawDepth, SensorSink
 from companion.sensors.synchronizer import Synchronizer
@@ -99,6 +99,61 @@ def test_exploring_sends_one_setpoint_a_tick() -> None:
     assert len(bench.vehicle.sent) == 4
     assert [setpoint.t_s for setpoint in bench.vehicle.sent] == [tick.t_s for tick in bench.seen[1:]]
     assert bench.vehicle.sent[-1].yaw_rate_radps != 0.0  # R1 turns
+
+
+def test_on_the_way_home_the_navigator_is_told_so_and_each_tick_says_it() -> None:
+    bench = Bench()
+    bench.flight.phase = FlightPhase.EXPLORING
+    assert bench.tick().order is Order.EXPLORE
+    assert bench.control_loop.off_home_m() == 0.0
+    bench.flight.phase = FlightPhase.HOMING
+    ticks = [bench.tick() for _ in range(50)]
+    assert {(tick.order, tick.sent, tick.stepped) for tick in ticks} == {(Order.HOME, True, True)}
+    assert bench.control_loop.is_home, "it has never left"
+    way = bench.control_loop.way_home()
+    assert way is not None
+    assert way.length_m == pytest.approx(0.0, abs=0.5)
+
+
+def test_before_anything_was_flown_nobody_knows_where_home_is() -> None:
+    bench = Bench()
+    assert (bench.control_loop.way_home(), bench.control_loop.off_home_m()) == (None, None)
+    bench.tick()
+    assert (bench.control_loop.way_home(), bench.control_loop.off_home_m()) == (None, None)
+
+
+@pytest.mark.parametrize("phase", [FlightPhase.EXPLORING, FlightPhase.HOMING])
+def test_a_paused_flight_stands_and_goes_on_as_before(phase: FlightPhase) -> None:
+    """Protects a person's pause: zero goes out at the usual rate, or the autopilot's failsafe would end the flight."""
+    bench = Bench()
+    bench.flight.phase = FlightPhase.EXPLORING
+    bench.tick()
+    bench.flight.phase = phase
+    mode = bench.tick().mode
+    assert bench.flight.pause(True)
+    ticks = [bench.tick() for _ in range(10)]
+    assert {(tick.order, tick.mode, tick.sent) for tick in ticks} == {(Order.WAIT, Mode.HOLD, True)}
+    for tick in ticks:
+        assert tick.setpoint is not None
+        assert (tick.setpoint.speed_mps, tick.setpoint.yaw_rate_radps) == (0.0, 0.0)
+    bench.flight.pause(False)
+    tick = bench.tick()
+    assert (tick.order, tick.mode) == (Order.HOME if phase is FlightPhase.HOMING else Order.EXPLORE, mode)
+
+
+def test_a_pause_keeps_the_height() -> None:
+    """Protects the ground below and the roof above a vehicle that waits for minutes."""
+    bench = Bench()
+    bench.flight.phase = FlightPhase.EXPLORING
+    bench.tick()
+    bench.flight.pause(True)
+    low = [bench.tick(h_m=1.2) for _ in range(5)][-1]
+    assert low.setpoint is not None
+    assert low.setpoint.climb_mps > 0.0
+    blind = [bench.tick(h_m=1.2, depth=False) for _ in range(15)][-1]
+    assert "depth" in blind.missing
+    assert blind.setpoint is not None
+    assert blind.setpoint.speed_mps == 0.0
 
 
 def test_a_lost_pose_is_silence() -> None:

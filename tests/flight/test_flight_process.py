@@ -90,7 +90,10 @@ def test_a_gate_that_dies_before_the_flight_ends_the_application() -> None:
 
 
 def summary(**changes: Any) -> dict[str, Any]:
-    return {"interrupted": False, "as_it_should": True, "ended_because": "complete"} | changes
+    return {"interrupted": False, "as_it_should": True, "ended_because": "complete", "end": None} | changes
+
+
+NOT_HOME = {"ended_because": "inputs lost"}
 
 
 @pytest.mark.parametrize(
@@ -98,6 +101,11 @@ def summary(**changes: Any) -> dict[str, Any]:
     [
         (summary(), 0, ""),
         (summary(as_it_should=False, ended_because="gate lost"), 1, "the flight ended because: gate lost"),
+        (
+            summary(as_it_should=False, end=NOT_HOME),
+            1,
+            "the flight ended because: complete; the way home: inputs lost",
+        ),
         (summary(interrupted=True), 130, ""),
         (InterruptedFlightError("stopped before the take-off"), 130, "stopped before the take-off"),
         (InputError("no such thing"), 2, "no such thing"),

@@ -22,8 +22,8 @@ from companion.control.completion import SUSTAINED_S, MapWord
 from companion.control.left_out import LeftOut, Why
 from companion.control.navigator import Navigator
 from companion.flight import mission
-from companion.flight.airborne import DONE_PERIOD_S
 from companion.flight.gate_client import GateClient
+from companion.flight.lookout import DONE_PERIOD_S
 from companion.flight.navigation_files import Navigation
 from companion.flight.phase import PhaseMachine
 from companion.flight.preflight import check_names
@@ -186,13 +186,22 @@ async def test_a_flight_from_the_checks_to_the_summary(
     assert any(line.startswith("map 40% (estimate); seen and left out: 1 too low") for line in scene.lines)
     assert not scene.mine.armed
     assert ("waiting for the start" in scene.lines) is (start == "command")
-    said = ["taking off", "exploring", "exploring ended: complete", "writing the map"]
+    said = ["taking off", "exploring", "the way home ended: home; landing", "writing the map"]
     assert [line for line in scene.lines if line in said] == said
+    assert any(line.startswith("exploring ended: complete; coming home, ") for line in scene.lines)
     texts = [fields["text"] for fields in scene.link.sent_named("STATUSTEXT")]
-    assert "companion: complete: landing" in texts
+    assert any(text.startswith("coming home: complete, ") for text in texts)
+    assert [text for text in texts if "home" in text][1] == "companion: home: landing"
+    assert texts[-1].startswith("companion: landed 0."), "after the landing"
+    end = summary["end"]
+    assert (end["arrived"], end["ended_because"]) == (True, "home")
+    assert end["off_home_m"] < 0.25, "all of its images are the same: it takes itself to be a little elsewhere"
+    assert end["homing_s"] < 5.0, "it never left, and settles for two seconds"
     flown = figures(folder / "flight.mcap")
-    assert flown.engaged_s == pytest.approx(ENDED_S, abs=DONE_PERIOD_S + 0.5)
-    assert flown.setpoints == pytest.approx(20 * ENDED_S, abs=20 * DONE_PERIOD_S + 10)
+    lasted_s = ENDED_S + end["homing_s"]
+    assert flown.engaged_s == pytest.approx(lasted_s, abs=DONE_PERIOD_S + 0.5)
+    assert flown.ended == "complete; the way home: home"
+    assert flown.setpoints == pytest.approx(20 * lasted_s, abs=20 * DONE_PERIOD_S + 10)
     assert len(list(open_recording(folder / "flight.mcap").observations())) > 20 * ENDED_S
     assert scene.map.offered > 100
     assert list(dict.fromkeys(beat.phase for beat in scene.mine.beats)) == list(Phase)

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from companion.errors import InputError
-from companion.flight.operator_commands import OperatorCommands, UnfinishedError
+from companion.flight.operator_commands import OperatorCommands, UnfinishedError, Wish
 from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.mavlink.ids import MavCmd
 from tests.autopilot.fake_link import FakeLink
@@ -27,10 +27,12 @@ def in_phase(phase: FlightPhase) -> PhaseMachine:
     return machine
 
 
-def told(*commands: dict[str, Any], by_command: bool = True, ready: bool = True) -> tuple[OperatorCommands, FakeLink]:
+def told(
+    *commands: dict[str, Any], by_command: bool = True, phase: FlightPhase = FlightPhase.WAITING
+) -> tuple[OperatorCommands, FakeLink]:
     """The operator's commands after a ground station (255, 190) has sent these."""
     link = FakeLink(HandClock())
-    operator = OperatorCommands(by_command, in_phase(FlightPhase.WAITING if ready else FlightPhase.CHECKING))
+    operator = OperatorCommands(by_command, in_phase(phase))
     operator.listen(link)
     for fields in commands:
         link.deliver("COMMAND_LONG", {**OURS, "param1": 0.0, **fields}, system_id=255, component_id=190)
@@ -41,26 +43,70 @@ def answers(link: FakeLink) -> list[int]:
     return [fields["result"] for fields in link.sent_named("COMMAND_ACK")]
 
 
-def test_a_ground_station_starts_and_stops() -> None:
-    operator, link = told({"command": MavCmd.MISSION_START}, {"command": MavCmd.DO_PAUSE_CONTINUE})
+def test_a_ground_station_starts() -> None:
+    operator, link = told({"command": MavCmd.MISSION_START})
     assert operator.start.is_set()
-    assert operator.stop.is_set()
-    assert answers(link) == [0, 0]
-    (first, _) = link.sent_named("COMMAND_ACK")
-    assert (first["target_system"], first["target_component"]) == (255, 190)
+    assert answers(link) == [0]
+    (answer,) = link.sent_named("COMMAND_ACK")
+    assert (answer["target_system"], answer["target_component"]) == (255, 190)
 
 
 def test_a_start_counts_only_where_it_was_configured() -> None:
-    """With `start: key` somebody stands beside the vehicle: nobody else may start it. Stopping is always allowed."""
-    operator, link = told({"command": MavCmd.MISSION_START}, {"command": MavCmd.DO_PAUSE_CONTINUE}, by_command=False)
+    """With `start: key` somebody stands beside the vehicle: nobody else may start it."""
+    operator, link = told({"command": MavCmd.MISSION_START}, by_command=False)
     assert not operator.start.is_set()
-    assert operator.stop.is_set()
-    assert answers(link) == [2, 0]
+    assert answers(link) == [2]
+
+
+CHECKING, WAITING, TAKING_OFF, EXPLORING, HOMING, LEAVING, ENDED = FlightPhase
+HOME, LAND = {"command": MavCmd.NAV_RETURN_TO_LAUNCH}, {"command": MavCmd.NAV_LAND}
+PAUSE = {"command": MavCmd.DO_PAUSE_CONTINUE}
+CONTINUE = {"command": MavCmd.DO_PAUSE_CONTINUE, "param1": 1.0}
+ACCEPTED, NOT_NOW = 0, 1
+
+
+@pytest.mark.parametrize("by_command", [True, False])
+@pytest.mark.parametrize(
+    ("order", "accepted"),
+    [
+        (HOME, {EXPLORING: Wish.HOME, HOMING: Wish.HOME}),
+        (LAND, {TAKING_OFF: Wish.LAND, EXPLORING: Wish.LAND, HOMING: Wish.LAND}),
+        (PAUSE, {TAKING_OFF: Wish.END, EXPLORING: Wish.NOTHING, HOMING: Wish.NOTHING}),
+        (CONTINUE, {EXPLORING: Wish.NOTHING, HOMING: Wish.NOTHING}),
+    ],
+)
+def test_what_a_ground_station_may_order_when(
+    order: dict[str, Any], accepted: dict[FlightPhase, Wish], by_command: bool
+) -> None:
+    """Protects the meaning of the answer: what cannot be done now is not accepted, and changes nothing later."""
+    for phase in FlightPhase:
+        operator, link = told(order, by_command=by_command, phase=phase)
+        assert answers(link) == [ACCEPTED if phase in accepted else NOT_NOW], phase
+        assert operator.wish is accepted.get(phase, Wish.NOTHING), phase
+        assert operator.stop.is_set() is (operator.wish is not Wish.NOTHING)
+
+
+def test_a_pause_ends_with_continue() -> None:
+    flight = in_phase(EXPLORING)
+    link = FakeLink(HandClock())
+    OperatorCommands(by_command=True, flight=flight).listen(link)
+    paused = []
+    for order in (CONTINUE, PAUSE, PAUSE, CONTINUE):
+        link.deliver("COMMAND_LONG", {**OURS, "param1": 0.0, **order}, system_id=255)
+        paused.append(flight.paused)
+    assert paused == [False, True, True, False]
+    assert answers(link) == [ACCEPTED] * 4
+
+
+def test_of_several_orders_the_nearer_landing_counts() -> None:
+    """Protects from an order that a later one takes back: who is landed by a person is not sent home by Ctrl-C."""
+    assert told(HOME, LAND, phase=EXPLORING)[0].wish is Wish.LAND
+    assert told(LAND, HOME, phase=EXPLORING)[0].wish is Wish.LAND
 
 
 def test_a_start_before_its_time_is_refused() -> None:
     """Kept until the map has been loaded, it would let the vehicle take off when nobody expects it any more."""
-    operator, link = told({"command": MavCmd.MISSION_START}, ready=False)
+    operator, link = told({"command": MavCmd.MISSION_START}, phase=FlightPhase.CHECKING)
     assert not operator.start.is_set()
     assert answers(link) == [1]
 
@@ -72,9 +118,9 @@ def test_commands_to_others_are_not_ours(elsewhere: dict[str, Any]) -> None:
     assert answers(link) == []
 
 
-@pytest.mark.parametrize("parameter", [1.0, math.nan, None, "0"])
-def test_continue_and_nonsense_stop_nothing(parameter: object) -> None:
-    operator, link = told({"command": MavCmd.DO_PAUSE_CONTINUE, "param1": parameter})
+@pytest.mark.parametrize("parameter", [0.5, -1.0, math.nan, None, "0"])
+def test_a_pause_that_is_neither_on_nor_off_is_denied(parameter: object) -> None:
+    operator, link = told({"command": MavCmd.DO_PAUSE_CONTINUE, "param1": parameter}, phase=EXPLORING)
     assert not operator.stop.is_set()
     assert answers(link) == [2]
 
@@ -86,11 +132,11 @@ def test_other_commands_are_answered_as_unsupported() -> None:
 
 def test_a_ground_station_that_is_gone_has_its_order_all_the_same() -> None:
     link = FakeLink(HandClock())
-    operator = OperatorCommands(by_command=True, flight=PhaseMachine())
+    operator = OperatorCommands(by_command=True, flight=in_phase(EXPLORING))
     operator.listen(link)
     link.gone = True
-    link.deliver("COMMAND_LONG", {**OURS, "command": MavCmd.DO_PAUSE_CONTINUE, "param1": 0.0}, system_id=255)
-    assert operator.stop.is_set()
+    link.deliver("COMMAND_LONG", {**OURS, "command": MavCmd.NAV_LAND, "param1": 0.0}, system_id=255)
+    assert operator.wish is Wish.LAND
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -101,6 +147,11 @@ async def test_signals_ask_for_the_end_of_the_flight(number: signal.Signals) -> 
     with operator.signals():
         os.kill(os.getpid(), number)
         await asyncio.wait_for(operator.stop.wait(), 5.0)
+        wishes = [operator.wish]
+        os.kill(os.getpid(), number)
+        await asyncio.sleep(0.01)
+        wishes.append(operator.wish)
+    assert wishes == [Wish.END, Wish.LAND], "who asks twice wants no way home"
     assert operator.interrupted
     assert not operator.start.is_set()
     assert signal.getsignal(number) is before, "whoever is about to say goodbye would die of the next one"

@@ -132,6 +132,26 @@ def test_a_change_of_mode_is_told_once() -> None:
     assert modes == ["R3 along the wall", "R2 along tangent"]
 
 
+@pytest.mark.parametrize("phase", [FlightPhase.EXPLORING, FlightPhase.HOMING])
+def test_a_pause_is_told_and_its_end(phase: FlightPhase) -> None:
+    """Protects whoever looks at a vehicle that stands: it is told from one that has no way on."""
+    stand = Stand()
+    stand.flight.phase = phase
+    for paused in (False, True, False):
+        stand.flight.pause(paused)
+        for _ in range(20):
+            stand.tick(mode=Mode.HOLD)
+    assert [text for text in stand.texts() if text.startswith("companion")] == [
+        "companion: paused",
+        "companion: goes on",
+    ]
+    assert stand.said.count("goes on") == 1
+    assert [text for kind, text, _ in stand.notes.events if kind == "pause"] == [
+        "paused: it stands until it is told to continue",
+        "goes on",
+    ]
+
+
 def test_a_stop_says_why_and_that_it_is_over() -> None:
     """A late frame is no event; inputs lost for longer than half a second are."""
     stand = Stand()
@@ -269,7 +289,7 @@ def test_a_text_for_the_pilot_is_not_cut(event: Event) -> None:
 @pytest.mark.parametrize("then", ["landing", "holding", "hands off"])
 def test_the_end_and_what_follows_fit_into_one_text(why: Termination, then: str) -> None:
     assert Event.ENDED_EARLY.value.status is not None
-    assert len(Event.ENDED_EARLY.value.status.format(end=why.value, then=then)) <= TEXT_BYTES
+    assert len(Event.ENDED_EARLY.value.status.format(end=why.in_brief, then=then)) <= TEXT_BYTES
 
 
 def test_the_exploring_is_marked_in_the_recording() -> None:

@@ -11,7 +11,7 @@ import pytest
 from companion.autopilot.vehicle_state import VehicleState
 from companion.config.settings import Settings
 from companion.flight.phase import FlightPhase, PhaseEvent, PhaseMachine
-from companion.flight.termination import Conditions, Termination, termination
+from companion.flight.termination import Conditions, Termination, homing_end, is_spent, spent_percent, termination
 from companion.mavlink.ids import MavChargeState
 
 SETTINGS = Settings()
@@ -37,12 +37,16 @@ def conditions(vehicle: dict[str, Any] | None = None, **changes: Any) -> Conditi
         gate_took_over=False,
         gate_lost=False,
         stop_asked=False,
+        landing_asked=False,
         complete=False,
         flown_s=10.0,
         blind_s=0.0,
         awake_s=600.0,
         battery_silent_s=0.0,
         map_silent_s=0.5,
+        charge_percent=80.0,
+        reserve_due=False,
+        is_home=False,
     )
     return replace(well, **changes)
 
@@ -151,15 +155,75 @@ def test_hands_are_off_when_the_vehicle_is_not_ours_or_cannot_be_reached() -> No
     }
 
 
-def test_only_completion_and_a_stop_are_ends_as_they_should_be() -> None:
-    assert {why for why in Termination if why.as_it_should} == {Termination.COMPLETE, Termination.STOPPED}
+def test_only_completion_a_stop_and_home_are_ends_as_they_should_be() -> None:
+    as_it_should = {Termination.COMPLETE, Termination.STOPPED, Termination.HOME}
+    assert {why for why in Termination if why.as_it_should} == as_it_should
+
+
+@pytest.mark.parametrize("end_action", ["home", "hold", "land"])
+def test_the_reserve_ends_the_exploring_of_those_that_come_home(end_action: str) -> None:
+    """Protects files of before: who lands where it is has no way home for which anything were to be left."""
+    settings = Settings.model_validate({"mission": {"end_action": end_action}})
+    expected = Termination.RESERVE if end_action == "home" else None
+    assert termination(conditions(reserve_due=True), settings) is expected
+
+
+LIMIT_S = 300.0
+
+
+@pytest.mark.parametrize(
+    ("now", "why"),
+    [
+        (conditions(), None),
+        # What has ended the exploring says nothing any more: it comes home because of it.
+        (conditions(complete=True, reserve_due=True, stop_asked=True, map_silent_s=900.0), None),
+        (conditions({"battery_percent": 20.0}, charge_percent=20.0), None),
+        (conditions({"charge_state": MavChargeState.LOW}), None),
+        (conditions(battery_silent_s=900.0), None),
+        (conditions(is_home=True), Termination.HOME),
+        (conditions(landing_asked=True), Termination.STOPPED),
+        (conditions(flown_s=LIMIT_S + 1.0), Termination.TIME),
+        (conditions(blind_s=10.1), Termination.INPUTS),
+        (conditions(charge_percent=15.9), Termination.BATTERY),
+        (conditions({"charge_state": MavChargeState.CRITICAL}), Termination.BATTERY),
+        (conditions({"charge_state": MavChargeState.LOW, "critical": True}), Termination.BATTERY),
+        (conditions({"heartbeat_age_s": 3.1}), Termination.LINK),
+        (conditions(taken_over=True), Termination.PILOT),
+        (conditions(taken_over=True, by_failsafe=True), Termination.FAILSAFE),
+        (conditions(taken_over=True, gate_took_over=True, is_home=True), Termination.GATE),
+        (conditions(gate_lost=True), Termination.GATE_LOST),
+        (conditions({"armed": False}), Termination.DISARMED),
+    ],
+)
+def test_how_a_way_home_ends(now: Conditions, why: Termination | None) -> None:
+    assert homing_end(now, SETTINGS, LIMIT_S) is why
+
+
+@pytest.mark.parametrize(("gate_percent", "spent"), [(15.0, 16.0), (20.0, 21.0), (0.0, 5.0), (3.0, 5.0)])
+def test_it_lands_by_itself_before_the_gate_has_it_land(gate_percent: float, spent: float) -> None:
+    """Protects the last metres: the gate lands at once, this one comes to stand before, and says so."""
+    settings = Settings.model_validate({"safety": {"battery_percent": gate_percent}})
+    assert spent_percent(settings) == spent
+    assert is_spent(conditions(charge_percent=spent - 0.1), settings)
+    assert not is_spent(conditions(charge_percent=spent), settings)
+    assert not is_spent(conditions(charge_percent=None), settings)
+
+
+def test_who_lost_the_way_or_the_vehicle_does_not_come_home() -> None:
+    """Protects from flying on blind, and from taking back what is another's."""
+    assert {why for why in Termination if not why.leaves_a_way_home} == {
+        *(why for why in Termination if why.hands_off),
+        Termination.LINK,
+        Termination.INPUTS,
+        Termination.HOME,
+    }
 
 
 # The machine of phases, over all phases and events.
 
 
-CHECKING, WAITING, TAKING_OFF, EXPLORING, LEAVING, ENDED = FlightPhase
-READY, STARTED, ENGAGED, STOPPED, LEFT = PhaseEvent
+CHECKING, WAITING, TAKING_OFF, EXPLORING, HOMING, LEAVING, ENDED = FlightPhase
+READY, STARTED, ENGAGED, TURNED_BACK, STOPPED, LEFT = PhaseEvent
 
 CHANGES = {
     (CHECKING, READY): WAITING,
@@ -168,8 +232,11 @@ CHANGES = {
     (TAKING_OFF, ENGAGED): EXPLORING,
     (TAKING_OFF, STOPPED): LEAVING,
     (TAKING_OFF, LEFT): ENDED,
+    (EXPLORING, TURNED_BACK): HOMING,
     (EXPLORING, STOPPED): LEAVING,
     (EXPLORING, LEFT): ENDED,
+    (HOMING, STOPPED): LEAVING,
+    (HOMING, LEFT): ENDED,
     (LEAVING, LEFT): ENDED,
 }
 
@@ -189,4 +256,23 @@ def test_a_flight_begins_on_the_ground() -> None:
 
 
 def test_from_the_order_to_take_off_on_the_vehicle_may_be_armed() -> None:
-    assert [phase for phase in FlightPhase if phase.airborne] == [TAKING_OFF, EXPLORING, LEAVING, ENDED]
+    assert [phase for phase in FlightPhase if phase.airborne] == [TAKING_OFF, EXPLORING, HOMING, LEAVING, ENDED]
+
+
+@pytest.mark.parametrize("phase", FlightPhase)
+def test_only_what_is_steered_can_be_paused(phase: FlightPhase) -> None:
+    machine = PhaseMachine()
+    machine.phase = phase
+    assert machine.pause(True) is machine.paused is (phase in (EXPLORING, HOMING))
+
+
+@pytest.mark.parametrize("event", [TURNED_BACK, STOPPED, LEFT])
+def test_what_turns_a_flight_back_or_ends_it_ends_its_pause(event: PhaseEvent) -> None:
+    """Protects the battery: a pause that nobody ends must not hold it until nothing is left."""
+    machine = PhaseMachine()
+    machine.phase = EXPLORING
+    machine.pause(True)
+    machine.update(READY)
+    assert machine.paused, "what means nothing changes nothing"
+    machine.update(event)
+    assert not machine.paused

@@ -219,7 +219,7 @@ def test_a_low_battery_lands() -> None:
     assert "battery 14 %" in air.notices
 
 
-@pytest.mark.parametrize("target", [0, 191, 192])
+@pytest.mark.parametrize("target", [0, 192])
 @pytest.mark.parametrize("through", ["autopilot", "attached"])
 def test_a_person_on_the_ground_stops_it_for_good(target: int, through: str) -> None:
     """Protects the operator's stop: it comes over either way, and ends only with the flight."""
@@ -237,7 +237,22 @@ def test_a_person_on_the_ground_stops_it_for_good(target: int, through: str) -> 
     air.run(10.0)
     assert air.stage() is Stage.HOLD, "and no landing where nobody asked for one"
     acks = [fields for _, name, fields in air.sent if name == "COMMAND_ACK"]
-    assert [ack["target_system"] for ack in acks] == ([255] if target != 191 else [])
+    assert [ack["target_system"] for ack in acks] == [255]
+
+
+@pytest.mark.parametrize("through", ["autopilot", "attached"])
+def test_a_pause_for_the_application_is_its_own_business(through: str) -> None:
+    """Protects a pause that can be continued: a stop of the gate lasts until the flight has ended."""
+    air = in_the_air(reacting(Fault.GROUND_STOP, Stage.BRAKE, 1.0, None))
+    order: dict[str, Any] = {"target_system": 1, "target_component": 191, "command": 193}
+    if through == "autopilot":
+        air.tell("COMMAND_LONG", GROUND[1], GROUND[0], **order)
+    else:
+        told = frame("COMMAND_LONG", GROUND[1], GROUND[0], **order)
+        assert not air.gate.on_attached_message(told, "command", air.now_s), "it is not for the autopilot"
+    air.run(2.0)
+    assert air.stage() is Stage.PASS
+    assert not [fields for _, name, fields in air.sent if name == "COMMAND_ACK"], "the application answers"
 
 
 def test_an_application_that_died_is_not_waited_for() -> None:

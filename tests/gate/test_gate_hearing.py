@@ -107,7 +107,7 @@ def ordered(scene: Scene) -> bool:
 
 @pytest.mark.parametrize("name", ["COMMAND_LONG", "COMMAND_INT"])
 @pytest.mark.parametrize("system", [0, SYSTEM])
-@pytest.mark.parametrize("component", [0, AUTOPILOT, APPLICATION, GATE])
+@pytest.mark.parametrize("component", [0, AUTOPILOT, GATE])
 def test_an_order_to_stop_reaches_us_however_it_is_addressed(name: str, system: int, component: int) -> None:
     """Protects the person on the ground: over the autopilot's link, and over their own, where it ends with us.
 

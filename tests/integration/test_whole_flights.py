@@ -17,7 +17,9 @@ from tests.integration.relay import LOOPBACK
 from tests.integration.rig import PERSONALITIES, PILOTS_MODE, Stub, process, take_over
 from tests.integration.whole import family, flown
 from tests.integration.witness import Witness, apart_m, speed_mps
+from validation.homing.flight import off_start_m
 
+HOME_WITHIN_M = 0.5
 CRITICAL_M = Settings().control.critical_margin_m
 
 
@@ -32,7 +34,7 @@ CRITICAL_M = Settings().control.critical_margin_m
         pytest.param("ardupilot", False, id="ardupilot-no-gps", marks=pytest.mark.flight),
     ],
 )
-def test_it_explores_a_room_to_completion_and_lands(personality: str, gps: bool, tmp_path: Path) -> None:
+def test_it_explores_a_room_to_completion_comes_home_and_lands(personality: str, gps: bool, tmp_path: Path) -> None:
     """Protects the whole: what flies here is what is installed, started by its own commands, in real time."""
     with flown(tmp_path, personality, gps) as flight:
         assert flight.exit_code(150.0) == 0, flight.said()[-1500:]
@@ -43,6 +45,8 @@ def test_it_explores_a_room_to_completion_and_lands(personality: str, gps: bool,
     summary, truth = flight.summary(), flight.crew.score()
     assert (summary["ended_because"], summary["autopilot"]) == ("complete", personality)
     assert (summary["recording"], summary["map_problem"], summary["skipped_checks"]) == ("whole", None, [])
+    assert summary["end"]["arrived"], summary["end"]
+    assert off_start_m(tmp_path / "truth.csv") < HOME_WITHIN_M
     assert summary["estimated_completeness"] > 0.9
     assert summary["clock_residual_s"] < 0.03
     assert list(flight.folder.glob("map*")), "the map came home"
@@ -54,7 +58,7 @@ def test_it_explores_a_room_to_completion_and_lands(personality: str, gps: bool,
     flew = figures(flight.folder / "flight.mcap")
     assert flew.damage is None
     assert flew.ended is not None
-    assert flew.ended.startswith("complete")
+    assert flew.ended == "complete; the way home: home"
     assert flew.setpoint_rate_hz == pytest.approx(20.0, rel=0.1)
     assert flew.pose_age_s is not None
     assert flew.pose_age_s.median < 0.1
@@ -88,16 +92,20 @@ def test_a_pilot_who_takes_over_keeps_the_vehicle(tmp_path: Path) -> None:
 
 @pytest.mark.flight
 @pytest.mark.timeout(150)
-def test_ctrl_c_lands_and_writes_everything(tmp_path: Path) -> None:
-    """Protects the operator's way to end a flight: an interrupt is an order to land, not the end of the program."""
+@pytest.mark.parametrize("times", [1, 2])
+def test_ctrl_c_ends_the_exploring_and_the_next_one_the_way_home(times: int, tmp_path: Path) -> None:
+    """Protects the operator's way to end a flight: an interrupt is an order to come home, no end of the program."""
     with flown(tmp_path, "px4") as flight:
-        flight.explore_for(2.0)
-        flight.gate.send_signal(signal.SIGINT)
-        assert flight.exit_code() == 130
+        flight.explore_for(15.0)
+        for _ in range(times):
+            flight.gate.send_signal(signal.SIGINT)
+            flight.wait_for("coming home, ")
+        assert flight.exit_code(90.0) == 130
         flight.witness.wait("landed and disarmed", lambda: not flight.witness.armed, 3.0)
         assert "land" in {beat.mode for beat in flight.witness.beats}
         summary = flight.summary()
         assert (summary["ended_because"], summary["interrupted"]) == ("stopped", True)
+        assert summary["end"]["ended_because"] == ("home" if times == 1 else "stopped")
         assert (summary["recording"], summary["map_problem"]) == ("whole", None)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ from companion.model import (
     Scan,
     Setpoint,
 )
-from companion.pipeline import Explorer, Tick
+from companion.pipeline import Explorer, Order, Tick
 from companion.recording import FlightInfo, Recorder
 from sitl.mines import load_world
 from sitl.scene.raycast import RayCaster
@@ -82,9 +83,14 @@ def make_tick(
 
 
 def fly_in_room(
-    file: Path, duration_s: float, seed: int = 1, record: RecordSettings | None = None, settings: Settings = SETTINGS
+    file: Path,
+    duration_s: float,
+    seed: int = 1,
+    record: RecordSettings | None = None,
+    settings: Settings = SETTINGS,
+    order: Callable[[float], Order] = lambda _: Order.EXPLORE,
 ) -> Recorder:
-    """A recorded flight in the simulated room: looks for one second, then explores."""
+    """A recorded flight in the simulated room: looks for one second, then flies as it is ordered to at each time."""
     to_vehicle, to_sensors, to_navigator = np.random.SeedSequence(seed).spawn(3)
     world = load_world("room", seed=seed)
     caster = RayCaster(world)
@@ -106,12 +112,15 @@ def fly_in_room(
         for _ in range(round(duration_s / settings.control.period_s)):
             clock.time_s = vehicle.pose.t_s
             observation = rig.observe(vehicle.pose)
-            exploring = clock.time_s >= 1.0
+            exploring, told = clock.time_s >= 1.0, Order.EXPLORE
             setpoint: Setpoint | None = None
             if exploring:
                 # As in a fleet, where (11) changes H while flying.
                 explorer.navigator.height_m = 1.5 if clock.time_s < duration_s / 2.0 else 1.3
-                steering = explorer.step(observation)
+                told = order(clock.time_s)
+                steering = explorer.step(observation, told)
+                # As in flight, where it is asked now and then, and not at all when it is flown again.
+                explorer.navigator.way_home(steering.measurement, observation.pose)
                 measurement, setpoint = steering.measurement, steering.setpoint
                 vehicle.command(setpoint)
             else:
@@ -119,7 +128,7 @@ def fly_in_room(
             status = explorer.navigator.status
             height_m = explorer.navigator.height_m
             record_tick = (clock.time_s, observation, measurement, setpoint, status.mode, exploring, height_m, 0.001)
-            recorder.tick(Tick(*record_tick, stepped=exploring))
+            recorder.tick(Tick(*record_tick, stepped=exploring, order=told))
             vehicle.step(settings.control.period_s)
             while recorder.recording and recorder.waiting > 4:
                 time.sleep(0.0005)  # much faster than real time, for which the queue is made

@@ -13,6 +13,7 @@ from companion.config.control import ControlSettings
 from companion.config.mission import RecordSettings
 from companion.errors import InputError
 from companion.model import Mode
+from companion.pipeline import Explorer, Order
 from companion.recording import Recorder, open_recording
 from companion.recording.content import ENDED, ENGAGED
 from companion.recording.flight_stats import Figures, figures, render, show_figures
@@ -177,6 +178,42 @@ def test_replay_is_exact(flight: Path) -> None:
     modes = {tick["mode"] for tick, _ in open_recording(flight).observations()}
     assert found.graph.counts().vertices >= 2
     assert len(modes) >= 2, "a flight without a change of mode would compare little"
+
+
+HOME_S, WAITS_S, GOES_ON_S = 9.0, 12.0, 13.0
+
+
+def told_to(t_s: float) -> Order:
+    """Home, with a pause on the way."""
+    if WAITS_S <= t_s < GOES_ON_S:
+        return Order.WAIT
+    return Order.HOME if t_s >= HOME_S else Order.EXPLORE
+
+
+def test_a_flight_that_was_paused_and_came_home_is_flown_again_exactly(tmp_path: Path) -> None:
+    """Protects the records of the way home: where it turned back and waited is in them, and who asks steers nothing."""
+    file = tmp_path / "flight.mcap"
+    fly_in_room(file, LONG_S, order=told_to)
+    found = replay(file)
+    assert (found.stopped, found.differing, found.largest_difference) == (None, 0, 0.0)
+    ticks = [tick for tick, _ in open_recording(file).observations() if tick["stepped"]]
+    assert {tick["order"] for tick in ticks} == {order.value for order in Order}
+    waiting = [tick for tick in ticks if tick["order"] == Order.WAIT]
+    assert len(waiting) == round((GOES_ON_S - WAITS_S) / SETTINGS.control.period_s)
+    assert all(abs(tick["speed_mps"]) < 0.1 and tick["yaw_rate_radps"] == 0.0 for tick in waiting)
+    assert {tick["mode"] for tick in waiting} == {Mode.HOLD}
+
+
+def test_without_its_orders_a_flight_that_came_home_is_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The comparison can fail: it sees what the orders have done."""
+    file = tmp_path / "flight.mcap"
+    fly_in_room(file, WAITS_S + 0.5, order=told_to)
+    step = Explorer.step
+    monkeypatch.setattr(Explorer, "step", lambda explorer, observation, _: step(explorer, observation))
+    found = replay(file)
+    assert found.differing > 0
+    assert found.first_difference_s is not None
+    assert found.first_difference_s >= HOME_S
 
 
 def test_a_part_to_the_left_is_recorded_and_compared(flight: Path, monkeypatch: pytest.MonkeyPatch) -> None:

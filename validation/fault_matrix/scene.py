@@ -233,7 +233,8 @@ def write_config(config: Path, gate_port: int, stream_url: str, settings: Sectio
         "autopilot": {"url": f"udpin://{LOOPBACK}:{gate_port}"},
         "sensors": {"stream": {"url": stream_url}, "camera": CAMERA},
         # A clock is known to half a round trip, which other work on this computer makes longer than 30 ms.
-        "mission": {"start": "now", "time_limit_s": 300.0, "skip_checks": ["clock"]},
+        # Where it ends it lands: what its flyer is to fly at a fault is a straight line, and no way back.
+        "mission": {"start": "now", "time_limit_s": 300.0, "end_action": "land", "skip_checks": ["clock"]},
         "record": {"folder": str(config.parent), "largest_mb": 200.0},
     }
     return write_settings(config, "flight", every, settings)

@@ -30,9 +30,9 @@ BATTERY_S = 1.0
 GATE, APPLICATION = 192, 191
 
 
-def _order_stop(component: int) -> Callable[[Flight], None]:
+def _order(component: int, command: int) -> Callable[[Flight], None]:
     """As an autopilot passes on what a ground station says to the companion."""
-    order = m.MAVLink_command_long_message(1, component, m.MAV_CMD_DO_PAUSE_CONTINUE, 0, *[0.0] * 7)
+    order = m.MAVLink_command_long_message(1, component, command, 0, *[0.0] * 7)
     return lambda flight: flight.relay.send_down(pack(order, GROUND_STATION))
 
 
@@ -129,15 +129,15 @@ PEOPLES_ORDERS = (
         "ground stop to the gate",
         "people",
         "a ground station orders the gate to stop (DO_PAUSE_CONTINUE)",
-        _order_stop(GATE),
+        _order(GATE, m.MAV_CMD_DO_PAUSE_CONTINUE),
         STOPPED,
         careless=True,
     ),
     Injection(
-        "ground stop to the application",
+        "landing ordered of the application",
         "people",
-        "a ground station orders the application to stop, which the gate hears as well",
-        _order_stop(APPLICATION),
+        "a ground station orders the application to land where it is (NAV_LAND)",
+        _order(APPLICATION, m.MAV_CMD_NAV_LAND),
         STOPPED,
         careless=True,
     ),

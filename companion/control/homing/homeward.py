@@ -77,7 +77,11 @@ class Homeward(Decisions):
         """The way home from a place, for a vehicle that points there; None where no way is known."""
         self._t_s = t_s
         ways = self._ways(place)
-        return None if ways is None else ways.route(place, yaw_rad)
+        if ways is None:
+            return None
+        if ways.window.cell(place) == ways.window.cell(self.home):
+            return Route(math.hypot(self.home.x_m - place.x_m, self.home.y_m - place.y_m), 0.0)
+        return ways.route(place, yaw_rad)
 
     def _ways(self, place: Place) -> Ways | None:
         if self._found is None or self._t_s - self._searched_s >= SEARCH_PERIOD_S:

@@ -103,17 +103,20 @@ class Homing:
         """
         if self.home is None or measurement.h_m is None:
             return None
-        if self.homeward is not None:
-            pose = self.pose(pose)
-            route = self.homeward.route(Place.under(pose, measurement.h_m), pose.yaw_rad, t_s)
-            return None if route is None else WayHome(route.length_m, self._pace.takes_s(route))
         if self._reckoning is None:
             self._reckoning = Homeward(self._parameters, self._ground, self.home)
+        # Not by those that steer: whoever asks how far it is must not change where they search.
+        reckoning, pose = self._reckoning, self.pose(pose)
+        if self.homeward is not None:
+            if reckoning.home != self.home:
+                reckoning.lead_to(self.home)
+            route = reckoning.route(Place.under(pose, measurement.h_m), pose.yaw_rad, t_s)
+            return None if route is None else WayHome(route.length_m, self._pace.takes_s(route))
         if anew:
-            self._reckoning.look_again()
+            reckoning.look_again()
         if anew or t_s >= self._next_route_s:
             self._next_route_s = t_s + ROUTE_PERIOD_S
-            found = self._reckoning.route(Place.under(pose, measurement.h_m), pose.yaw_rad, t_s)
+            found = reckoning.route(Place.under(pose, measurement.h_m), pose.yaw_rad, t_s)
             if found is not None:
                 self._route = found, self._keyframes.way_m
         if self._route is None:
@@ -142,6 +145,10 @@ class Homing:
             return 0.0
         after = self._alignment.pose(pose)
         return math.hypot(after.x_m - before.x_m, after.y_m - before.y_m)
+
+    def wait(self, t_s: float) -> None:
+        """A person let it wait until now: that it came no nearer meanwhile says nothing."""
+        self._least_s = t_s
 
     def to_go_m(self, pose: Pose) -> float:
         """How far home is, straight; infinite where nobody knows where that is."""
