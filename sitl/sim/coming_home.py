@@ -9,6 +9,7 @@ from companion.config.settings import Settings
 from companion.control.homing.homing import WayHome
 from companion.control.homing.reserve import LANDING_S
 from companion.model import Pose
+from companion.pipeline import Order
 from sitl.sim.flight import Flight
 
 ARRIVED_M = 0.5
@@ -60,7 +61,8 @@ class ComingHome:
             way=flight.way_home(anew=True),
             promised_percent=flight.reserve.left_percent,
         )
-        self.ended_because = "" if flight.navigator.go_home(t_s) else "home not known"
+        flight.order = Order.HOME
+        self.ended_because = "home not known" if flight.navigator.homing.home is None else ""
         """Empty while it flies."""
         self._came: Came | None = None
 
@@ -113,6 +115,7 @@ class ComingHome:
             "way_m": None if began.way is None else round(began.way.length_m, 2),
             "promised_s": None if began.way is None else round(began.way.time_s, 1),
             "flown_m": round(came.path_m - began.path_m, 2),
+            "lands_elsewhere": flight.navigator.homing.lands_elsewhere,
             "places_recognised": flight.navigator.homing.matches,
             "promised_percent": None if began.promised_percent is None else round(began.promised_percent, 1),
             "came_percent": round(came.left_percent, 1) if has_battery else None,

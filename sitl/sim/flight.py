@@ -12,7 +12,7 @@ from companion.control.homing.homing import WayHome
 from companion.control.homing.reserve import Reserve
 from companion.mapping import VoxelMap
 from companion.model import Measurement, Pose
-from companion.pipeline import Explorer
+from companion.pipeline import Explorer, Order
 from sitl.mines import World
 from sitl.scene.raycast import RayCaster
 from sitl.scene.render import DepthRenderer
@@ -51,6 +51,8 @@ class Flight:
         self.vehicle = Vehicle(settings.sim.dynamics, start, np.random.default_rng(to_vehicle))
         self._explorer = Explorer(settings, np.random.default_rng(to_navigator))
         self.navigator = self._explorer.navigator
+        self.order = Order.EXPLORE
+        """What it is told to do."""
         self.map = VoxelMap(settings.mapping)
         self.log = FlightLog(vehicle_id)
         self.battery = Battery(settings.sim.battery)
@@ -93,7 +95,7 @@ class Flight:
         observation = self._rig.observe(true)
         if fleet:
             self.navigator.height_m = self.fleet.height_m(true.t_s, self._alone_m)
-        steering = self._explorer.step(observation)
+        steering = self._explorer.step(observation, self.order)
         measurement, setpoint = steering.measurement, steering.setpoint
         if observation.frame is not None:
             self.map.integrate(observation.frame)

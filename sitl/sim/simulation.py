@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from companion.config.settings import Settings
 from companion.control.graph import Counts
 from companion.control.left_out import LeftOut
+from companion.control.navigator import Status
 from companion.mapping import VoxelMap
 from companion.safety_case.passages import passages
 from sitl.mines import World
@@ -57,11 +58,12 @@ class Progress:
 
 @dataclass(frozen=True, slots=True)
 class Explored:
-    """How far the exploring went: until when, how far in sum, and how many rows of each log."""
+    """How far the exploring went: until when, how far in sum, how many rows of each log, and what each law has done."""
 
     t_s: float
     path_m: float
     ticks: tuple[int, ...]
+    states: tuple[Status, ...]
 
 
 class Simulation:
@@ -211,7 +213,12 @@ class Simulation:
         if self._explored is not None:
             return self._explored
         flights = self.flights
-        return Explored(self.t_s, sum(flight.vehicle.path_m for flight in flights), tuple(len(f.log) for f in flights))
+        return Explored(
+            t_s=self.t_s,
+            path_m=sum(flight.vehicle.path_m for flight in flights),
+            ticks=tuple(len(flight.log) for flight in flights),
+            states=tuple(flight.navigator.status for flight in flights),
+        )
 
     def merged_map(self) -> VoxelMap:
         """V: the union of what every vehicle has mapped (paper eq. (5))."""
@@ -230,7 +237,9 @@ class Simulation:
         ]
         true_d = np.concatenate([exploring for exploring, _ in parts])
         margin_m = self.settings.control.margin_m
-        states = [flight.navigator.status for flight in self.flights]
+        states = explored.states
+        extended_s = [flight.extended_s[: state.extensions] for flight, state in zip(self.flights, states, strict=True)]
+        gaps = [gap for times_s in extended_s for gap in np.diff(times_s)]
         graphs = [flight.navigator.graph.snapshot().counts() for flight in self.flights]
         sim_time_s = round(explored.t_s, 3)
         return {
@@ -262,9 +271,7 @@ class Simulation:
             "draws_accepted": sum(state.accepted for state in states),
             "graph": {name: sum(getattr(counts, name) for counts in graphs) for name in Counts._fields},
             "extensions": sum(state.extensions for state in states),
-            "least_time_between_extensions_s": _rounded(
-                min((gap for flight in self.flights for gap in np.diff(flight.extended_s)), default=math.inf), 1
-            ),
+            "least_time_between_extensions_s": _rounded(min(gaps, default=math.inf), 1),
             "occupied_voxels": len(occupied),
             "voxel_m": voxels.voxel_m,
             "visible_share_of_surface": _rounded(self.truth.area_share_visible, 4),
