@@ -69,6 +69,20 @@ def _room(scan: Scan, critical_m: float, keep_m: float, lead_m: float) -> tuple[
     return way, left, right
 
 
+@compiled
+def _way(scan: Scan, critical_m: float, axis_rad: float) -> float:
+    """The way along a bearing until something is as near as d_c."""
+    bearings, ranges, state, _ = scan
+    way = np.inf
+    for i in range(bearings.size):
+        if state[i] != HIT:
+            continue
+        x, y = ranges[i] * np.cos(bearings[i] - axis_rad), ranges[i] * np.sin(bearings[i] - axis_rad)
+        if x > 0.0 and abs(y) < critical_m:
+            way = min(way, x - np.sqrt(critical_m * critical_m - y * y))
+    return way
+
+
 def governed_speed_mps(
     speed_mps: float,
     scan: Scan,
@@ -77,6 +91,7 @@ def governed_speed_mps(
     forward_mps: float,
     parameters: Parameters,
     *,
+    towards_rad: float = 0.0,
     escapes: bool = False,
 ) -> float:
     """The speed of law (12), lowered to what can be braked before d_c and turned away from before d_s.
@@ -91,6 +106,8 @@ def governed_speed_mps(
         gamma: Γ of the wall that is followed, so that the turn away is known; None when either turn will do.
         forward_mps: the speed flown now.
         parameters: the law's settings.
+        towards_rad: bearing to which it turns meanwhile. What lies along it is braked for as well: the vehicle may
+            point past a wall, and turn into it faster than it can stand.
         escapes: it leaves a place without room, where something may be a little nearer than d_c already.
     """
     governor = parameters.governor
@@ -105,6 +122,7 @@ def governed_speed_mps(
     turning_radps = governor.turn_share * parameters.max_yaw_rate_radps
     # As long as what lies ahead leaves room for the turn at any speed, the walls beside need not hold one.
     turning_mps = max(radius_m, way_m + critical_m - lead_m - keep_m) * turning_radps
-    braking_mps = braking_speed_mps(way_m, governor.reaction_s, governor.brake_mps2)
+    turns_into_m = way_m if towards_rad == 0.0 else min(way_m, float(_way(scan, critical_m, towards_rad)))
+    braking_mps = braking_speed_mps(turns_into_m, governor.reaction_s, governor.brake_mps2)
     creep_mps = governor.least_speed_mps if way_m > max(keep_m - critical_m, 0.0) else 0.0
     return min(speed_mps, max(creep_mps, min(turning_mps, braking_mps)))

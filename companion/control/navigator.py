@@ -297,7 +297,9 @@ class Navigator:
         gamma = self._gamma if self._mode is Mode.BOUNDARY else None
         nearest_m = math.inf if measurement.d_m is None else measurement.d_m
         return governed_speed_mps(
-            speed, scan, nearest_m, gamma, pose.towards_mps(0.0), self.parameters, escapes=self._escapes()
+            *(speed, scan, nearest_m, gamma, pose.towards_mps(0.0), self.parameters),
+            towards_rad=self._target_bearing_rad(pose) if self._mode is Mode.TANGENT else 0.0,
+            escapes=self._escapes(),
         )
 
     # The rules.

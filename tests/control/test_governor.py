@@ -336,3 +336,18 @@ def test_a_flight_keeps_to_it(accel_mps2: float) -> None:
     period_s = navigator.parameters.period_s
     assert speeds.max() == navigator.parameters.speed_mps
     assert np.diff(speeds, prepend=0.0).max() <= accel_mps2 * period_s + ROUNDING_MPS
+
+
+def test_what_it_turns_to_is_braked_for_as_well_as_what_it_points_at() -> None:
+    """Protects d_c in R2: it pointed past a wall, turned towards a target beside it at 1.1 m/s, and came to 0.75 m."""
+    swift = law_parameters(speed_mps=1.5, max_yaw_rate_radps=1.0, margin_m=1.0, critical_margin_m=0.8)
+    # Seen 1.2 m away at 57° to the right, where a target at 21° has 0.7 m to it beside.
+    beside = scan_of(lambda bearing_rad: 1.2 if abs(bearing_rad + 1.0) < 0.2 else math.inf)
+    past = governed_speed_mps(1.5, beside, 1.2, None, 1.1, swift)
+    into = governed_speed_mps(1.5, beside, 1.2, None, 1.1, swift, towards_rad=-0.37)
+    away = governed_speed_mps(1.5, beside, 1.2, None, 1.1, swift, towards_rad=0.37)
+    assert past == away > 1.0
+    x_m, y_m = 1.2 * math.cos(0.8 - 0.37), 1.2 * math.sin(0.8 - 0.37)
+    room_m = x_m - math.sqrt(0.85**2 - y_m**2)
+    governor = swift.governor
+    assert into == pytest.approx(braking_speed_mps(room_m, governor.reaction_s, governor.brake_mps2), rel=0.1)
