@@ -27,8 +27,8 @@ LEAST_CLUSTER = 3
 TRACE_CELLS = 20
 """So far a boundary is followed in thought; from there on the way over known ground counts."""
 
-MOST_STRAIGHTS = 1000
-"""No way over known ground has more."""
+MOST_HIDDEN = 100
+"""Where a line has no room to so many cells of a way one after the other, those behind them are not looked at."""
 
 Steps = NDArray[np.int32]
 
@@ -105,19 +105,27 @@ class Ways:
             place: where the vehicle is.
             yaw_rad: where it points.
         """
+        window = self.window
+        path = _path(window.grid, self.steps, self.room, *window.cell(place), place.ground_dm)
+        if len(path) == 0:
+            return None
         length_m = turn_rad = 0.0
-        for _ in range(MOST_STRAIGHTS):
-            way = self.way(place, 0.0, 0.0)
-            if way is None:
-                return None
-            x_m, y_m = way.straight.x_m - place.x_m, way.straight.y_m - place.y_m
+        at = 0
+        while True:
+            at += max(1, _straight(window.grid, self.room, *window.cell(place), place.ground_dm, path[at:]))
+            end = window.middle(*(int(where) for where in path[min(at, len(path) - 1)]))
+            x_m, y_m = end.x_m - place.x_m, end.y_m - place.y_m
             length_m += math.hypot(x_m, y_m)
             turn_rad += abs(wrap_rad(math.atan2(y_m, x_m) - yaw_rad))
-            yaw_rad = math.atan2(y_m, x_m)
-            if way.straight in (way.goal, place):
-                break
-            place = way.straight
-        return Route(length_m, turn_rad)
+            place, yaw_rad = end, math.atan2(y_m, x_m)
+            if at >= len(path) - 1:
+                return Route(length_m, turn_rad)
+
+    def cost_m(self, place: Place) -> float | None:
+        """What the way from a place costs, which is its length where there is room; None when no way is known."""
+        window = self.window
+        level, row, column = _nearest_known(window.grid, self.steps, *window.cell(place), place.ground_dm)
+        return None if level < 0 else int(self.steps[level, row, column]) * window.cell_m
 
     def is_goal(self, place: Place) -> bool:
         """Whether the unseen still begins there; also where that is not known, beyond what was searched."""
@@ -360,6 +368,8 @@ def _straight(grid: GroundGrid, room: NDArray[np.uint8], row: int, column: int, 
                 along_dm = int(grid.ground_dm[level, r, c])
             if free:
                 last = k
+            elif k - last > MOST_HIDDEN:
+                break
         if last > 3:
             break
     return last

@@ -17,8 +17,9 @@ from companion.model import Pose
 PLAN_PERIOD_S = 1.0
 """Time between two looks for the way, where none is flown."""
 
-SEARCH_PERIOD_S = 10.0
-"""A search serves for so long, unless something is in the way: known ground changes little on the way home."""
+SEARCH_PERIOD_S = 30.0
+"""A search serves for so long, unless something is in the way: known ground changes little on the way home, and in a
+mine of 250 m a search takes hundredths of a second."""
 
 
 class Homeward(Decisions):
@@ -82,6 +83,12 @@ class Homeward(Decisions):
         if ways.window.cell(place) == ways.window.cell(self.home):
             return Route(math.hypot(self.home.x_m - place.x_m, self.home.y_m - place.y_m), 0.0)
         return ways.route(place, yaw_rad)
+
+    def cost_m(self, place: Place, t_s: float) -> float | None:
+        """What the way home costs, see `Ways.cost_m`; None where no way is known."""
+        self._t_s = t_s
+        ways = self._ways(place)
+        return None if ways is None else ways.cost_m(place)
 
     def _ways(self, place: Place) -> Ways | None:
         if self._found is None or self._t_s - self._searched_s >= SEARCH_PERIOD_S:

@@ -176,8 +176,8 @@ class Homing:
             return
         self._next_look_s = t_s + LOOK_PERIOD_S
         here = homeward.place(pose)
-        route = homeward.route(here, pose.yaw_rad, t_s)
-        left_m = self.to_go_m(pose) if route is None else route.length_m
+        cost_m = homeward.cost_m(here, t_s)
+        left_m = self.to_go_m(pose) if cost_m is None else cost_m
         if left_m < self._least_m - NEARER_M:
             self._least_m, self._least_s = left_m, t_s
         if left_m > NEAR_M or self._there_s is not None or t_s - self._least_s <= PATIENCE_S:
