@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.control import boundary, climbing, edges, laws, narrow
+from companion.control import boundary, climbing, edges, laws, wall_following
 from companion.control.decisions import Choice, Decisions, LapCounter, TangentLedger
 from companion.control.edges import Edge
-from companion.control.governor import governed_speed_mps, room_m
+from companion.control.governor import governed_speed_mps
 from companion.control.graph import EdgeKind
 from companion.control.graph_building import NavigationGraph
 from companion.control.homing.homing import GONE_M, Homing, WayHome
@@ -36,11 +36,6 @@ OBSTACLE_AHEAD_RAD = math.radians(60.0)
 
 STUCK_TURNS = 2.0
 """Full turns in R3 without moving on by d_s, after which the vehicle is where S has no room (below 2·d_s)."""
-
-LEAD_S, LEAD_SHARE = 1.0, 0.4
-"""The smooth law also looks at the wall from where the vehicle will be in so long, at most this share of d_s ahead. It
-turns away from what it comes to before that is the nearest, on an arc; it never turns towards a wall before it is
-there. More would take the far wall of a narrow crossing for one that it comes to."""
 
 REST_S = 60.0
 """After an extension a lap decides nothing for so long: a pillar is gone round in less."""
@@ -245,45 +240,10 @@ class Navigator:
         if self._mode is Mode.TANGENT:
             return laws.tangent_yaw_rate_radps(self._target_bearing_rad(pose), self.parameters)
         if self.parameters.law != "paper":
-            return self._smooth_yaw_rate_radps(measurement, scan, pose)
+            return wall_following.yaw_rate_radps(self._gamma, measurement, scan, pose, self.parameters)
         if measurement.d_m is None or measurement.d_dot_mps is None:
             return 0.0
         return laws.boundary_yaw_rate_radps(self._gamma, measurement.d_m, measurement.d_dot_mps, self.parameters)
-
-    def _smooth_yaw_rate_radps(self, measurement: Measurement, scan: Scan, pose: Pose) -> float:
-        """(7) in R3 by the wall that is followed; 0 where there is nothing to follow.
-
-        As it is from here or from where the vehicle will be, whichever turns further away. In the narrow the middle is
-        kept instead of d_s, and what lies ahead on the other side is the other side of the way on. But where a wall is
-        as near as d_c already, it is turned away from: told to keep to the middle the vehicle stood at a post of the
-        mouth, too near to it to fly, and was carried 0.19 m further in.
-        """
-        parameters = self.parameters
-        lead_m = max(0.0, min(LEAD_S * pose.towards_mps(0.0), LEAD_SHARE * parameters.margin_m))
-        has_room = measurement.d_m is None or measurement.d_m >= parameters.critical_margin_m + room_m(parameters)
-        slidings_mps = []
-        for ahead_m in (0.0, lead_m):
-            width_m = narrow.width_m(scan, self._gamma, parameters, ahead_m) if has_room else None
-            if width_m is None:
-                wall = boundary.followed(scan, self._gamma, parameters.critical_margin_m, ahead_m)
-                slidings_mps.append(self._sliding_mps(wall, pose, parameters.margin_m))
-            else:
-                keep_m = min(parameters.margin_m, width_m / 2.0)
-                own_mps, other_mps = (
-                    self._sliding_mps(boundary.followed(scan, side, 0.0, ahead_m), pose, keep_m)
-                    for side in (self._gamma, -self._gamma)
-                )
-                slidings_mps.append(narrow.sliding_mps(own_mps, other_mps))
-        sliding_mps = min(slidings_mps)
-        return 0.0 if math.isinf(sliding_mps) else laws.following_yaw_rate_radps(self._gamma, sliding_mps, parameters)
-
-    def _sliding_mps(self, wall: tuple[float, float] | None, pose: Pose, keep_m: float) -> float:
-        """Of a wall (distance, bearing), at the smaller of the rate flown and the one asked for; infinite of none."""
-        if wall is None:
-            return math.inf
-        d_m, bearing_rad = wall
-        d_dot_mps = min(-pose.towards_mps(bearing_rad), laws.cruising_rate_mps(bearing_rad, self.parameters))
-        return laws.sliding_mps(d_m, d_dot_mps, self.parameters, keep_m)
 
     def _speed_mps(self, measurement: Measurement, scan: Scan, pose: Pose) -> float:
         """Paper eq. (12), lowered by the governor."""
