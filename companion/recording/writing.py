@@ -25,7 +25,7 @@ from companion.clock import Clock
 from companion.model import Mode
 from companion.pipeline import Tick
 from companion.recording.channels import Channels
-from companion.recording.content import FORMAT, METADATA, FlightInfo
+from companion.recording.content import FORMAT, GROUND, METADATA, FlightInfo
 from companion.recording.process import LoadMeter
 
 FLUSH_S = 0.5
@@ -133,6 +133,9 @@ class Writing:
         )
         self._mcap: MCAPWriter = foxglove.open_mcap(file, context=context, writer_options=options)
         self._mcap.write_metadata(METADATA, _metadata(info, self._wall_ns, self._start_s))
+        if info.known_ground:
+            times = {"log_time": self._wall_ns, "create_time": self._wall_ns}
+            self._mcap.attach(**times, name=GROUND, media_type="application/zip", data=info.known_ground)
         self.channels = Channels(context, self._wall_ns, self._start_s)
         self.told_of_frames = False
         self._mode: Mode | None = None
