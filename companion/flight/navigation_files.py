@@ -12,9 +12,7 @@ from companion.control.navigator import Navigator
 from companion.errors import InputError
 from companion.flight.events import Event, EventEmitter
 from companion.mapping.files.graph_file import write_graph
-from companion.mapping.files.ground_file import ground_content, read_known_ground, write_known_ground
-
-GROUND_NAME = "known_ground.npz"
+from companion.mapping.files.ground_file import GROUND_NAME, ground_content, read_known_ground, write_known_ground
 
 
 @dataclass(frozen=True, slots=True)

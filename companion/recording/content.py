@@ -18,8 +18,6 @@ RECORDING_NAME = "flight.mcap"
 
 METADATA = "mine-companion"
 """Name of the metadata record by which a file is known to be ours; it stands before every message."""
-GROUND = "known_ground.npz"
-"""Name of the attachment with the ground that earlier flights had seen; it stands before every message too."""
 FORMAT = 1
 """Goes up when older readers can no longer read what is written."""
 

@@ -16,9 +16,10 @@ from mcap.stream_reader import StreamReader
 from numpy.typing import NDArray
 
 from companion.errors import InputError
+from companion.mapping.files.ground_file import GROUND_NAME
 from companion.model import Observation
 from companion.recording import observation as observations
-from companion.recording.content import FORMAT, GROUND, METADATA, FlightInfo, Topic
+from companion.recording.content import FORMAT, METADATA, FlightInfo, Topic
 
 LARGEST_RECORD = 1 << 28
 """Longer records are damage, and must not take all memory."""
@@ -199,7 +200,7 @@ def _front(stream: IO[bytes]) -> tuple[dict[str, str] | None, bytes]:
                 break
             if isinstance(record, Metadata) and record.name == METADATA:
                 metadata = record.metadata
-            elif isinstance(record, Attachment) and record.name == GROUND:
+            elif isinstance(record, Attachment) and record.name == GROUND_NAME:
                 known_ground = record.data
     except DamageError:
         # A flight that was cut so early may still be named.

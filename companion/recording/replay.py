@@ -17,11 +17,10 @@ import numpy as np
 from companion.config.settings import Settings
 from companion.control.graph import Graph
 from companion.errors import InputError
-from companion.mapping.files.ground_file import ground_of_content
+from companion.mapping.files.ground_file import GROUND_NAME, ground_of_content
 from companion.pipeline import Explorer, Order
 from companion.recording import Recording, open_recording
 from companion.recording.channels import COMMANDED
-from companion.recording.content import GROUND
 from companion.recording.flown import flown_settings
 
 
@@ -122,7 +121,7 @@ def _go_on_from_earlier(explorer: Explorer, recording: Recording) -> None:
     content = recording.info.known_ground
     if not content:
         return
-    earlier = ground_of_content(content, f"{recording.path}: {GROUND}")
+    earlier = ground_of_content(content, f"{recording.path}: {GROUND_NAME}")
     try:
         explorer.navigator.known_ground.go_on_from(earlier)
     except ValueError as error:

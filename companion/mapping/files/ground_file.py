@@ -16,6 +16,9 @@ from companion.control.known_ground import MOST_CELLS, Window
 from companion.errors import InputError
 from companion.mapping.files.whole import whole_file
 
+GROUND_NAME = "known_ground.npz"
+"""Its name beside a map, and in the recording of a flight that went on from it."""
+
 _NAMES = {"cells", "ground_dm", "belief", "blocked", "low_m", "cell_m"}
 
 _DAMAGE = (ValueError, LookupError, EOFError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error)
