@@ -16,7 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled
-from companion.control.ground_grid import FREE, GIVEN_UP, MOST_LEVELS, UNSEEN, WALL, GroundGrid, doubt, enter, level_at
+from companion.control.ground_grid import (
+    FREE,
+    GIVEN_UP,
+    HIT_WEIGHT,
+    MOST_LEVELS,
+    UNSEEN,
+    WALL,
+    GroundGrid,
+    doubt,
+    enter,
+    level_at,
+)
 from companion.model import ABSURD, HIT, UNKNOWN, Measurement, Pose, Scan, wrap_rad
 
 CELL_M, CELL_SHARE = 0.5, 0.625
@@ -179,7 +190,8 @@ class KnownGround:
     def go_on_from(self, earlier: Window) -> None:
         """Know what earlier flights have seen, in the same coordinates; called before the first look.
 
-        What they gave up, and what was blocked for them, may be tried again.
+        What they gave up, and what was blocked for them, may be tried again. A wall of theirs is believed as after one
+        look: a vehicle that was put back by hand stands a little beside, and sees it elsewhere.
 
         Raises:
             ValueError: its cells are of another size, or too many; nothing is known then, as before.
@@ -197,7 +209,8 @@ class KnownGround:
         low, left = (side - rows) // 2, (side - columns) // 2
         self._grid = GroundGrid.unseen(side, side, levels)
         known = self._grid.part(slice(low, low + rows), slice(left, left + columns))
-        known.cells[:], known.ground_dm[:], known.belief[:] = earlier.grid
+        known.cells[:], known.ground_dm[:] = earlier.grid.cells, earlier.grid.ground_dm
+        known.belief[:] = np.minimum(earlier.grid.belief, HIT_WEIGHT)
         self._origin = (earlier.x_m - left * self.cell_m, earlier.y_m - low * self.cell_m)
         self.take_up_again()
 
