@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
 
+from bench.flight.sorties import left_by, put_back
 from companion.config.mapping import MapSettings
 from companion.config.sensors import CameraSettings, SensorSettings
 from companion.config.settings import Settings
+from companion.config.sim import SimSettings
 from companion.control.known_ground import KnownGround
 from companion.control.left_out import to_explore
+from companion.mapping import VoxelMap
 from companion.model import Pose
 from sitl.mines import World
 from sitl.mines.plan import square_drift
-from sitl.sim.earlier import Earlier
 from sitl.sim.simulation import COMPLETE_SHARE, Simulation
 from tests.sitl.sim.test_passages import raised
 
@@ -30,12 +33,6 @@ def crossing() -> World:
     drifts = [square_drift(-ARM_M, 0.0, ARM_M, 0.0, width_m=4.0), square_drift(0.0, 0.0, 0.0, ARM_M, width_m=4.0)]
     mine = raised(drifts, [-ARM_M - 2.0, ARM_M + 2.0], [3.0, 3.0])
     return replace(mine, start=Pose(0.0, 0.0, 0.0, SETTINGS.control.height_m, 0.5))
-
-
-def left_by(mission: Simulation) -> Earlier:
-    """What a mission of one vehicle leaves to the next."""
-    flight = mission.flights[0]
-    return Earlier(flight.navigator.known_ground.seen(), flight.map)
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +63,25 @@ def test_the_second_sortie_goes_to_what_the_first_left(first: Simulation) -> Non
     both, before = second.flights[0].navigator.known_ground.seen(), first.flights[0].navigator.known_ground.seen()
     assert both.free_m2 > 1.3 * before.free_m2
     assert both.free_m2 == pytest.approx(anew.flights[0].navigator.known_ground.seen().free_m2, rel=0.1)
+
+
+@pytest.mark.flight
+@pytest.mark.parametrize("turned_deg", [-5.0, 5.0])
+def test_a_vehicle_that_was_put_back_beside_its_place_still_explores_and_comes_home(
+    turned_deg: float, first: Simulation
+) -> None:
+    """Nobody puts it back to the centimetre: what it knows of the ground lies 0.3 m and 5° beside what it sees."""
+    mine = put_back(crossing(), 0.3, math.radians(turned_deg))
+    settings = SETTINGS.model_copy(update={"sim": SimSettings(ends="done")})
+    left = left_by(first)
+    # By what it maps itself: what the first one mapped is as far off as it was put back.
+    second = Simulation(mine, settings, seed=11, earlier=replace(left, voxels=VoxelMap(settings.mapping)))
+    second.run(600.0)
+    second.come_home()
+    assert second.ended_because == "done"
+    assert second.coming_home[0].score()["arrived"]
+    assert second.score()["contacts"] == 0
+    assert second.completeness > 1.0 - first.completeness
 
 
 @pytest.mark.parametrize("voxel_m", [0.3, 0.2])
