@@ -193,6 +193,7 @@ async def test_a_flight_from_the_checks_to_the_summary(
     low = {"x_m": 3.0, "y_m": 4.0, "z_m": 1.5, "extent_m": 1.2, "why": "too low"}
     assert low in summary["left_out"]
     assert any(line.startswith("map 40% (estimate); seen and left out: 1 too low") for line in scene.lines)
+    assert scene.lines[-1].startswith("complete: "), "it does not say to fly again"
     assert not scene.mine.armed
     assert ("waiting for the start" in scene.lines) is (start == "command")
     said = ["taking off", "exploring", "the way home ended: home; landing", "writing the map"]
