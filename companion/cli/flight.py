@@ -41,7 +41,9 @@ def run(
     resume_map: Annotated[
         Path | None,
         typer.Option(
-            metavar="FOLDER", help="Go on with the map of an earlier flight; only if the autopilot was not restarted."
+            metavar="FOLDER",
+            help="Go on with map and known ground of an earlier flight, from the same place; only if the autopilot was "
+            "not restarted.",
         ),
     ] = None,
 ) -> None:

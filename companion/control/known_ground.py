@@ -16,7 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled
-from companion.control.ground_grid import FREE, GIVEN_UP, MOST_LEVELS, UNSEEN, WALL, GroundGrid, doubt, enter, level_at
+from companion.control.ground_grid import (
+    FREE,
+    GIVEN_UP,
+    HIT_WEIGHT,
+    MOST_LEVELS,
+    UNSEEN,
+    WALL,
+    GroundGrid,
+    doubt,
+    enter,
+    level_at,
+)
 from companion.model import ABSURD, HIT, UNKNOWN, Measurement, Pose, Scan, wrap_rad
 
 CELL_M, CELL_SHARE = 0.5, 0.625
@@ -148,6 +159,11 @@ class Window:
         """Row and column of a point."""
         return math.floor((place.y_m - self.y_m) / self.cell_m), math.floor((place.x_m - self.x_m) / self.cell_m)
 
+    @property
+    def free_m2(self) -> float:
+        """Area of what was seen to be free, in m²; of what lies above each other each."""
+        return float(np.count_nonzero(self.grid.cells == FREE)) * self.cell_m**2
+
     def middle(self, level: int, row: int, column: int) -> Place:
         """The point in the middle of a cell."""
         x_m, y_m = self.x_m + (column + 0.5) * self.cell_m, self.y_m + (row + 0.5) * self.cell_m
@@ -164,11 +180,39 @@ class KnownGround:
 
     def __init__(self, outlook: Outlook = UPRIGHT_57_DEG, cell_m: float = CELL_M) -> None:
         self._outlook = outlook
-        self._cell_m = cell_m
+        self.cell_m = cell_m
+        """Side of a cell."""
         self._grid = GroundGrid.unseen(FIRST_CELLS, FIRST_CELLS)
         self._origin: tuple[float, float] | None = None
         self._blocked: deque[Place] = deque(maxlen=MOST_BLOCKED)
         self._flown: list[Place] = []
+
+    def go_on_from(self, earlier: Window) -> None:
+        """Know what earlier flights have seen, in the same coordinates; called before the first look.
+
+        What they gave up, and what was blocked for them, may be tried again. A wall of theirs is believed as after one
+        look: a vehicle that was put back by hand stands a little beside, and sees it elsewhere.
+
+        Raises:
+            ValueError: its cells are of another size, or too many; nothing is known then, as before.
+        """
+        if not math.isclose(earlier.cell_m, self.cell_m, rel_tol=1e-6):
+            raise ValueError(f"its cells are {earlier.cell_m:g} m wide, those of this flight {self.cell_m:g} m")
+        levels, rows, columns = earlier.grid.cells.shape
+        side = FIRST_CELLS
+        while side < max(rows, columns):
+            side *= 2
+        if side > MOST_CELLS:
+            raise ValueError(f"it has {rows} x {columns} cells, of which {MOST_CELLS} to a side are the most")
+        if not earlier.grid.cells.any():
+            return
+        low, left = (side - rows) // 2, (side - columns) // 2
+        self._grid = GroundGrid.unseen(side, side, levels)
+        known = self._grid.part(slice(low, low + rows), slice(left, left + columns))
+        known.cells[:], known.ground_dm[:] = earlier.grid.cells, earlier.grid.ground_dm
+        known.belief[:] = np.minimum(earlier.grid.belief, HIT_WEIGHT)
+        self._origin = (earlier.x_m - left * self.cell_m, earlier.y_m - low * self.cell_m)
+        self.take_up_again()
 
     def fly(self, place: Place) -> None:
         """The vehicle has flown here: there is room, whatever is seen of it later."""
@@ -186,7 +230,7 @@ class KnownGround:
         if scan is None or not abs(pose.z_m) < ABSURD:
             return
         if self._origin is None:
-            half_m = FIRST_CELLS * self._cell_m / 2.0
+            half_m = FIRST_CELLS * self.cell_m / 2.0
             self._origin = (pose.x_m - half_m, pose.y_m - half_m)
         while not self._holds(pose) and self._grow():
             pass
@@ -196,8 +240,8 @@ class KnownGround:
         from_m, to_m = self._outlook.seen_m(h_m, _first(measurement.roof_m, h_m))
         had_room = _see(
             self._grid,
-            (pose.x_m - self._origin[0]) / self._cell_m,
-            (pose.y_m - self._origin[1]) / self._cell_m,
+            (pose.x_m - self._origin[0]) / self.cell_m,
+            (pose.y_m - self._origin[1]) / self.cell_m,
             pose.yaw_rad,
             scan,
             from_m,
@@ -206,7 +250,7 @@ class KnownGround:
             self._outlook.half_width_rad,
             below.ground_dm,
             measurement.ground_slope or 0.0,
-            self._cell_m,
+            self.cell_m,
         )
         if not had_room and len(self._grid.cells) < MOST_LEVELS:
             # What had no room is entered with the next look.
@@ -238,7 +282,7 @@ class KnownGround:
     def seen(self) -> Window:
         """A copy of all that has been seen, as far as it goes: without rows and columns before anything has been."""
         if self._origin is None or not self._grid.cells.any():
-            return Window(GroundGrid.unseen(0, 0), NOWHERE, 0.0, 0.0, self._cell_m)
+            return Window(GroundGrid.unseen(0, 0), NOWHERE, 0.0, 0.0, self.cell_m)
         return self._known(0)
 
     def _known(self, around: int) -> Window:
@@ -250,9 +294,9 @@ class KnownGround:
     def _part(self, rows: slice, columns: slice, border: int) -> Window:
         """A copy of a part of the grid, with what is blocked in it, so many cells from its border at least."""
         assert self._origin is not None  # noqa: S101 - set by the first look
-        low_x_m, low_y_m = self._origin[0] + columns.start * self._cell_m, self._origin[1] + rows.start * self._cell_m
+        low_x_m, low_y_m = self._origin[0] + columns.start * self.cell_m, self._origin[1] + rows.start * self.cell_m
         part = self._grid.part(rows, columns).copy()
-        return self._with_blocked(Window(part, NOWHERE, low_x_m, low_y_m, self._cell_m), border)
+        return self._with_blocked(Window(part, NOWHERE, low_x_m, low_y_m, self.cell_m), border)
 
     def block(self, place: Place) -> None:
         """No way leads through the cells about this place any more."""
@@ -263,7 +307,7 @@ class KnownGround:
         if self._origin is None:
             return
         column, row = self._cell(place.x_m, place.y_m)
-        _give_up(self._grid, row, column, math.ceil(radius_m / self._cell_m), place.ground_dm)
+        _give_up(self._grid, row, column, math.ceil(radius_m / self.cell_m), place.ground_dm)
 
     def take_up_again(self) -> None:
         """What was given up attracts again, and what was blocked may be tried again."""
@@ -284,11 +328,11 @@ class KnownGround:
     def _cell(self, x_m: float, y_m: float) -> tuple[int, int]:
         """Column and row of a point."""
         assert self._origin is not None  # noqa: S101 - set by the first look
-        return math.floor((x_m - self._origin[0]) / self._cell_m), math.floor((y_m - self._origin[1]) / self._cell_m)
+        return math.floor((x_m - self._origin[0]) / self.cell_m), math.floor((y_m - self._origin[1]) / self.cell_m)
 
     def _holds(self, pose: Pose) -> bool:
         assert self._origin is not None  # noqa: S101 - set by the first look
-        side_m = self._side * self._cell_m
+        side_m = self._side * self.cell_m
         border_m = LOOK_M + 1.0
         x, y = pose.x_m - self._origin[0], pose.y_m - self._origin[1]
         return border_m < x < side_m - border_m and border_m < y < side_m - border_m
@@ -300,7 +344,7 @@ class KnownGround:
         if side >= MOST_CELLS:
             return False
         self._grid = self._grid.grown()
-        self._origin = (self._origin[0] - side / 2 * self._cell_m, self._origin[1] - side / 2 * self._cell_m)
+        self._origin = (self._origin[0] - side / 2 * self.cell_m, self._origin[1] - side / 2 * self.cell_m)
         return True
 
 

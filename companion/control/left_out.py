@@ -111,6 +111,16 @@ def merged(places: Iterable[LeftOut]) -> tuple[LeftOut, ...]:
     return tuple(kept[:MOST_LISTED])
 
 
+def to_explore(places: Iterable[LeftOut]) -> int:
+    """How many of them another flight gets to: those that were not reached, and to which a way leads."""
+    return sum(place.why is Why.NOT_REACHED for place in places)
+
+
+def so_many(number: int) -> str:
+    """So many places, in words."""
+    return "1 place" if number == 1 else f"{number} places"
+
+
 def in_words(places: Iterable[LeftOut]) -> str:
     """One short line: how many for which reason."""
     counted = Counter(place.why for place in places)

@@ -52,6 +52,13 @@ class Event(enum.Enum):
         "starting the map (the first start on a computer compiles it: a minute, on a small one several)"
     )
     MAP_RESUMED = Texts("the map of {folder} goes on: {chunks} chunks")
+    GROUND_RESUMED = Texts("known ground goes on: {area_m2:.0f} m² of floor were seen before", kind="map")
+    GROUND_NOT_RESUMED = Texts(
+        "known ground is not gone on from: {why}; the map goes on, and what was seen before is flown to again",
+        "companion: known ground was not taken up",
+        "map",
+        severity=_WARNING,
+    )
     CHECK_PASSED = Texts(kind="check", recorded="{name} passed: {found}")
     CHECK_SKIPPED = Texts(kind="check", recorded="{name} skipped: {found}", severity=_WARNING)
 
@@ -139,6 +146,11 @@ class Event(enum.Enum):
     SUMMARY_NOT_WRITTEN = Texts("summary.json was not written: {error}; it would be {summary}")
     LEFT_OUT = Texts("map {share:.0%} (estimate); seen and left out: {places}")
     OVER = Texts("{why}: {files} map files are in {map_folder}, the recording in {folder}")
+    LEFT_TO_EXPLORE = Texts(
+        "{places} left to explore: fly again from the same place with --resume-map {map_folder}",
+        "companion: {places} left to explore",
+        severity=_NOTICE,
+    )
 
 
 Details = Mapping[str, object]

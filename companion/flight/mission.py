@@ -6,7 +6,7 @@ import asyncio
 import json
 from collections.abc import Callable
 from contextlib import AsyncExitStack, nullcontext
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -19,14 +19,14 @@ from companion.autopilot.vehicle import Vehicle
 from companion.clock import MonotonicClock
 from companion.config.settings import Settings
 from companion.config.show import dump_yaml
-from companion.control.left_out import LeftOut, in_words, merged
+from companion.control.left_out import LeftOut, in_words, merged, so_many, to_explore
 from companion.errors import InputError
 from companion.flight.airborne import Airborne
 from companion.flight.coming_home import Homecoming
 from companion.flight.events import Event, EventEmitter, console, recording, status_text
 from companion.flight.gate_client import GateClient
 from companion.flight.gate_socket import GateSocket
-from companion.flight.navigation_files import Navigation
+from companion.flight.navigation_files import EarlierGround, Navigation
 from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands, UnfinishedError
 from companion.flight.phase import PhaseEvent, PhaseMachine
 from companion.flight.preflight import CheckResult
@@ -139,6 +139,8 @@ class _Flight:
         rng = np.random.default_rng(self._seed)
         info = FlightInfo.of(settings, rng)
         explorer = Explorer(settings, rng)
+        earlier = EarlierGround.taken_up(explorer.navigator.known_ground, self._request.resume_map)
+        info = replace(info, known_ground=earlier.content)
         async with AsyncExitStack() as stack:
             recorder = stack.enter_context(Recorder(folder / RECORDING_NAME, settings.record, info, session.clock))
             events.add(recording(recorder))
@@ -147,6 +149,7 @@ class _Flight:
             mapper = await stack.enter_async_context(self._mapper(map_folder))
             if self._request.resume_map is not None:
                 events.emit(Event.MAP_RESUMED, folder=map_folder, chunks=mapper.status.resumed_chunks)
+            earlier.tell(events)
             self._gate.has_map(lambda: mapper.status.age_s)
             self._record(results)
             results = await self._wait_for_start(results)
@@ -165,7 +168,7 @@ class _Flight:
                 broke_off, why = error, f"broke off: {error}"
                 events.emit(Event.BROKE_OFF, why=why)
             navigation = Navigation.of(explorer.navigator)
-            files, problem = await self._save(mapper, navigation, map_folder, folder)
+            files, problem = await self._save(mapper, navigation, map_folder, folder, earlier.window is not None)
             # Not in the loop: the gate goes on hearing of us.
             on_ground = await asyncio.to_thread(_left_out_on_ground, explorer, airborne.end)
             left_out = merged((*on_ground, *mapper.left_out))
@@ -175,6 +178,7 @@ class _Flight:
                 "end": None if home is None else home.as_json(),
                 "explored_s": round(airborne.explored_s, 1),
                 "done_at_s": airborne.done_at_s,
+                "known_before_m2": earlier.free_m2,
                 "left_out": [place.as_json() for place in left_out],
                 "map_folder": str(map_folder),
                 "graph": navigation.graph.counts()._asdict(),
@@ -188,6 +192,8 @@ class _Flight:
             events.emit(Event.SUMMARY_NOT_WRITTEN, error=error.strerror, summary=json.dumps(summary))
         events.emit(Event.LEFT_OUT, share=summary["estimated_completeness"], places=in_words(left_out))
         events.emit(Event.OVER, why=why, files=len(files), map_folder=map_folder, folder=folder)
+        if (left := to_explore(left_out)) and why != Termination.COMPLETE:
+            events.emit(Event.LEFT_TO_EXPLORE, places=so_many(left), map_folder=map_folder)
         if broke_off is not None:
             raise broke_off
         return summary
@@ -217,7 +223,7 @@ class _Flight:
         )
 
     async def _save(
-        self, mapper: MapClient, navigation: Navigation, map_folder: Path, folder: Path
+        self, mapper: MapClient, navigation: Navigation, map_folder: Path, folder: Path, goes_on: bool
     ) -> tuple[list[Path], str | None]:
         """The files of the map, or why there are none: a full disk must not end what comes after a flight."""
         events = self._events
@@ -225,7 +231,7 @@ class _Flight:
 
         async def write() -> list[Path]:
             try:
-                await asyncio.to_thread(navigation.write, map_folder, folder)
+                await asyncio.to_thread(navigation.write, map_folder, folder, goes_on)
             except Exception as error:  # noqa: BLE001 - whatever it is, it must not cost the map
                 events.emit(Event.GRAPH_NOT_WRITTEN, error=error)
             return await mapper.save()

@@ -33,8 +33,8 @@ class FlightRequest:
         seed: draws every choice of the navigator; None draws a new one, which is recorded.
         fix: whether pre-flight may set parameters of the autopilot.
         skip: names of checks to skip, besides those in the settings.
-        resume_map: the folder of an earlier flight whose map goes on, from the same start of the autopilot; the map
-            stays in that folder.
+        resume_map: the folder of an earlier flight whose map and known ground go on, from the same start of the
+            autopilot; both stay in that folder.
     """
 
     what: Literal["run", "check"]

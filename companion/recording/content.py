@@ -52,12 +52,15 @@ class FlightInfo:
         rng_state: state of the navigator's generator before it made the first draw, as JSON.
         vehicle_id: number of the vehicle in its fleet, from 1.
         versions: of the software.
+        known_ground: what earlier flights had seen of the ground and this one went on from, as the content of the file
+            ``known_ground.npz``; empty where there is none.
     """
 
     settings_yaml: str
     rng_state: str
     vehicle_id: int = 1
     versions: dict[str, str] = field(default_factory=dict)
+    known_ground: bytes = b""
 
     @classmethod
     def of(cls, settings: Settings, rng: np.random.Generator, vehicle_id: int = 1) -> FlightInfo:

@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-from mcap.records import Channel, Message, Metadata
+from mcap.records import Attachment, Channel, Message, Metadata
 from mcap.stream_reader import StreamReader
 from numpy.typing import NDArray
 
 from companion.errors import InputError
+from companion.mapping.files.ground_file import GROUND_NAME
 from companion.model import Observation
 from companion.recording import observation as observations
 from companion.recording.content import FORMAT, METADATA, FlightInfo, Topic
@@ -81,13 +82,14 @@ class Recording:
         damage: why the file could not be read to its end; ``None`` before it was, and when it ends as it should.
     """
 
-    def __init__(self, path: Path, metadata: dict[str, str]) -> None:
+    def __init__(self, path: Path, metadata: dict[str, str], known_ground: bytes) -> None:
         self.path = path
         self.info = FlightInfo(
             settings_yaml=metadata["settings"],
             rng_state=metadata["navigator_rng"],
             vehicle_id=int(metadata["vehicle_id"]),
             versions={str(name): str(text) for name, text in json.loads(metadata["versions"]).items()},
+            known_ground=known_ground,
         )
         self.wall_ns = int(metadata["wall_ns_at_start"])
         self.start_s = float(metadata["clock_s_at_start"])
@@ -157,22 +159,16 @@ def open_recording(path: Path) -> Recording:
         InputError: the file cannot be read, is none of ours, or of a format that this version does not know.
     """
     metadata: dict[str, str] | None = None
+    known_ground = b""
     try:
         with path.open("rb") as stream:
-            for record in _records(stream):
-                if isinstance(record, Message):
-                    break
-                if isinstance(record, Metadata) and record.name == METADATA:
-                    metadata = record.metadata
-                    break
+            metadata, known_ground = _front(stream)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; check the path") from None
     except IsADirectoryError:
         raise InputError(f"{path}: is a folder; give the .mcap file in it") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except _DAMAGE:
-        metadata = None
     if metadata is None:
         raise InputError(
             f"{path}: is no recording of a flight, or was cut at its very beginning; give an .mcap file that "
@@ -180,7 +176,7 @@ def open_recording(path: Path) -> Recording:
         )
     try:
         known = int(metadata["format"]) <= FORMAT
-        recording = Recording(path, metadata)
+        recording = Recording(path, metadata, known_ground)
     except _DAMAGE:
         raise InputError(f"{path}: its description of the flight is damaged; nothing can be made of it") from None
     if not known:
@@ -188,6 +184,28 @@ def open_recording(path: Path) -> Recording:
             f"{path}: format {metadata['format']} of a newer version; this one reads up to {FORMAT}: update it"
         )
     return recording
+
+
+def _front(stream: IO[bytes]) -> tuple[dict[str, str] | None, bytes]:
+    """What stands before every message: our metadata, None where there is none, and the ground that was gone on from.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    metadata: dict[str, str] | None = None
+    known_ground = b""
+    try:
+        for record in _records(stream):
+            if isinstance(record, Message):
+                break
+            if isinstance(record, Metadata) and record.name == METADATA:
+                metadata = record.metadata
+            elif isinstance(record, Attachment) and record.name == GROUND_NAME:
+                known_ground = record.data
+    except DamageError:
+        # A flight that was cut so early may still be named.
+        pass
+    return metadata, known_ground
 
 
 def depth_image(data: bytes) -> NDArray[np.float32]:

@@ -17,6 +17,7 @@ import numpy as np
 from companion.config.settings import Settings
 from companion.control.graph import Graph
 from companion.errors import InputError
+from companion.mapping.files.ground_file import GROUND_NAME, ground_of_content
 from companion.pipeline import Explorer, Order
 from companion.recording import Recording, open_recording
 from companion.recording.channels import COMMANDED
@@ -54,10 +55,12 @@ def replay(path: Path, settings: Settings | None = None) -> Replay:
         settings: others than it was flown with, to see what they would change.
 
     Raises:
-        InputError: the file is no recording, or was flown with settings that this version refuses.
+        InputError: the file is no recording, or was flown with settings that this version refuses, or went on from
+            ground that the other settings have no use for.
     """
     recording = open_recording(path)
     explorer = Explorer(settings or flown_settings(recording), _generator(recording))
+    _go_on_from_earlier(explorer, recording)
     ticks = compared = differing = 0
     first_s: float | None = None
     largest = 0.0
@@ -111,6 +114,21 @@ def _then(tick: dict[str, Any]) -> _Then | None:
     wanted = [told[name] for name in COMMANDED]
     setpoint = None if wanted[0] is None else tuple(map(float, wanted))
     return _Then(setpoint, str(tick["mode"]), float(tick["wanted_height_m"]), Order(told["order"]))
+
+
+def _go_on_from_earlier(explorer: Explorer, recording: Recording) -> None:
+    """Know what the flight knew of the ground before it began."""
+    content = recording.info.known_ground
+    if not content:
+        return
+    earlier = ground_of_content(content, f"{recording.path}: {GROUND_NAME}")
+    try:
+        explorer.navigator.known_ground.go_on_from(earlier)
+    except ValueError as error:
+        raise InputError(
+            f"{recording.path}: it went on from the known ground of earlier flights: {error}; give settings with the "
+            "same control.critical_margin_m"
+        ) from None
 
 
 def _generator(recording: Recording) -> np.random.Generator:

@@ -22,6 +22,7 @@ from foxglove import Context
 from foxglove.mcap import MCAPWriteOptions, MCAPWriter
 
 from companion.clock import Clock
+from companion.mapping.files.ground_file import GROUND_NAME
 from companion.model import Mode
 from companion.pipeline import Tick
 from companion.recording.channels import Channels
@@ -133,6 +134,9 @@ class Writing:
         )
         self._mcap: MCAPWriter = foxglove.open_mcap(file, context=context, writer_options=options)
         self._mcap.write_metadata(METADATA, _metadata(info, self._wall_ns, self._start_s))
+        if info.known_ground:
+            times = {"log_time": self._wall_ns, "create_time": self._wall_ns}
+            self._mcap.attach(**times, name=GROUND_NAME, media_type="application/zip", data=info.known_ground)
         self.channels = Channels(context, self._wall_ns, self._start_s)
         self.told_of_frames = False
         self._mode: Mode | None = None

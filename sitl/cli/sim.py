@@ -11,14 +11,17 @@ from rich.console import Console
 
 from companion.cli.options import Config, Preset
 from companion.config.load import load
-from companion.control.left_out import in_words
+from companion.config.settings import Settings
+from companion.control.left_out import in_words, so_many, to_explore
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
 from companion.interruption import finishing, stopping
 from sitl.cli.mesh_options import DEFAULT_CLOUD_VOXEL_M, CloudVoxel, Scale, UpAxis
-from sitl.mines import load_world
+from sitl.mines import World, load_world
 from sitl.mines.placing import Reading
+from sitl.report.earlier_run import EarlierRun
 from sitl.report.kept import Kept
 from sitl.report.run_folder import default_folder, flown, new_folder, write_run
+from sitl.scene.visibility import Say
 from sitl.sim.display import Display, clock
 from sitl.sim.simulation import ENDED_WELL, Progress, Simulation
 
@@ -51,6 +54,13 @@ def simulate(
             metavar="X Y Z YAW", help="Start pose, in m (a mesh: its own unit and origin) and rad, not the world's own."
         ),
     ] = None,
+    resume: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Go on with map and known ground of an earlier mission in this mine, from where it began.",
+        ),
+    ] = None,
     scale: Scale = None,
     up: UpAxis = None,
     cloud_voxel: CloudVoxel = DEFAULT_CLOUD_VOXEL_M,
@@ -71,16 +81,21 @@ def simulate(
             f"--vehicles {vehicles}: fleet.largest_group = {settings.fleet.largest_group} is the most that the height "
             "layers have room for; allow more there, with control.vertical_margin_m small enough"
         )
+    if resume is not None and vehicles > 1:
+        raise InputError(f"--resume {resume}: one vehicle goes on with what one has left; leave out --vehicles")
+    earlier = None if resume is None else EarlierRun.read(resume, settings.mapping)
     reading = Reading(scale, up, cloud_voxel)
     folder = None
     try:
         with new_folder(default_folder(flown(world, seed)) if out is None else out) as folder:
             with console.status(PREPARING) as status:
                 mine = load_world(world, seed, start, reading)
+                if earlier is not None:
+                    mine = earlier.mine_of(mine, start is None)
                 # First: where the start is refused, this says why the mine is not where it was thought to be.
                 _say(console, f"{mine.name}: {mine.description}", *(f"  {remark}" for remark in mine.remarks))
-                simulation = Simulation(
-                    mine, settings, seed, vehicles, lambda text: status.update(f"{PREPARING}: {text}")
+                simulation = _prepared(
+                    mine, settings, seed, vehicles, earlier, lambda text: status.update(f"{PREPARING}: {text}")
                 )
             _say(console, *(f"  {remark}" for remark in simulation.remarks[len(mine.remarks) :]))
             # From here on there is something to lose, and no moment at which a signal would tear it.
@@ -106,6 +121,18 @@ def simulate(
             f"the mission ended because of: {simulation.ended_because}; the map holds {simulation.completeness:.1%} of "
             f"what can be seen"
         )
+
+
+def _prepared(
+    mine: World, settings: Settings, seed: int, vehicles: int, earlier: EarlierRun | None, say: Say
+) -> Simulation:
+    """The mission, which may go on from an earlier one."""
+    if earlier is None:
+        return Simulation(mine, settings, seed, vehicles, say)
+    try:
+        return Simulation(mine, settings, seed, vehicles, say, earlier.left)
+    except ValueError as error:
+        raise InputError(f"--resume {earlier.folder}: its known ground cannot be gone on from: {error}") from None
 
 
 def _fly(kept: Kept, limit_s: float, console: Console, stop: Callable[[], bool]) -> Exception | None:
@@ -143,6 +170,10 @@ def _say_result(console: Console, simulation: Simulation, summary: dict[str, obj
         f"look at: {folder / 'report.html'}",
     ]
     lines[-1:-1] = [_home(home, flight.log.vehicle_id) for home, flight in zip(homes, simulation.flights, strict=False)]
+    left = to_explore(simulation.left_out)
+    if left and simulation.ended_because not in ENDED_WELL:
+        again = f": fly again with --resume {folder}" if len(simulation.flights) == 1 else ""
+        lines.append(f"{so_many(left)} left to explore{again}")
     _say(console, *lines)
 
 

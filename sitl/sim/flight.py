@@ -18,6 +18,7 @@ from sitl.scene.raycast import RayCaster
 from sitl.scene.render import DepthRenderer
 from sitl.scene.sensors import SensorRig
 from sitl.sim.battery import Battery
+from sitl.sim.earlier import Earlier
 from sitl.sim.flight_log import FlightLog
 from sitl.sim.vehicle import Vehicle
 
@@ -35,6 +36,10 @@ class Flight:
         settings: the whole configuration.
         start: the true pose at time 0.
         seed: draws everything that is random in this flight.
+        earlier: what earlier sorties have left to it; None: it begins anew.
+
+    Raises:
+        ValueError: it cannot go on from that: cells or voxels are of another size.
     """
 
     def __init__(
@@ -45,6 +50,7 @@ class Flight:
         settings: Settings,
         start: Pose,
         seed: np.random.SeedSequence,
+        earlier: Earlier | None = None,
     ) -> None:
         to_vehicle, to_sensors, to_navigator = seed.spawn(3)
         camera = settings.sensors.camera.model()
@@ -54,6 +60,9 @@ class Flight:
         self.order = Order.EXPLORE
         """What it is told to do."""
         self.map = VoxelMap(settings.mapping)
+        if earlier is not None:
+            self.navigator.known_ground.go_on_from(earlier.ground)
+            self.map.merge(earlier.voxels)
         self.log = FlightLog(vehicle_id)
         self.battery = Battery(settings.sim.battery)
         self.reserve = Reserve(settings.mission.reserve_percent)

@@ -22,6 +22,7 @@ from sitl.mines import World
 from sitl.scene.raycast import RayCaster
 from sitl.scene.visibility import Say, Truth, accuracy_m, horizontal_clearance, precision, silent
 from sitl.sim.coming_home import ComingHome
+from sitl.sim.earlier import Earlier
 from sitl.sim.flight import Flight
 from sitl.sim.judgement import Judgement, merged_map
 from sitl.sim.start import check_room, remarks_on_start, start_poses
@@ -75,12 +76,22 @@ class Simulation:
         seed: draws start, sensors, noise and the choices of every vehicle.
         vehicles: how many fly.
         say: hears how far the preparation is.
+        earlier: what earlier sorties have left to each of them; None: they begin anew.
 
     Raises:
         InputError: the start is inside a wall, there is no room for the vehicles to start, or the mine is too large.
+        ValueError: they cannot go on from what is left: cells or voxels are of another size.
     """
 
-    def __init__(self, world: World, settings: Settings, seed: int, vehicles: int = 1, say: Say = silent) -> None:
+    def __init__(
+        self,
+        world: World,
+        settings: Settings,
+        seed: int,
+        vehicles: int = 1,
+        say: Say = silent,
+        earlier: Earlier | None = None,
+    ) -> None:
         self.world = world
         self.settings = settings
         self.seed = seed
@@ -106,7 +117,7 @@ class Simulation:
             say=say,
         )
         self.flights = tuple(
-            Flight(number, world, self.caster, settings, start, flight_seed)
+            Flight(number, world, self.caster, settings, start, flight_seed, earlier)
             for number, (start, flight_seed) in enumerate(zip(starts, to_flights, strict=True), start=1)
         )
         self.t_s = 0.0

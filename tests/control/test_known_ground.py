@@ -11,9 +11,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.config.sensors import CameraSettings
-from companion.control.ground_grid import FREE, LEVEL_DM, WALL, level_at
+from companion.control.ground_grid import FREE, GIVEN_UP, LEVEL_DM, WALL, GroundGrid, level_at
 from companion.control.informed import WallFollowing, find_ways
-from companion.control.known_ground import CELL_M, FIRST_CELLS, MOST_CELLS, UPRIGHT_57_DEG, KnownGround, Outlook, Place
+from companion.control.known_ground import (
+    CELL_M,
+    FIRST_CELLS,
+    MOST_CELLS,
+    NOWHERE,
+    UPRIGHT_57_DEG,
+    KnownGround,
+    Outlook,
+    Place,
+    Window,
+)
 from companion.model import Measurement, Pose
 from tests.control.scene import Scene, measurement
 from tests.control.stages import compiled, random_scan
@@ -332,3 +342,103 @@ def test_a_measurement_without_height_is_entered_at_the_vehicles_own() -> None:
     seen: Measurement = replace(DRIFT.measure(at(0.0)), h_m=None, ground_slope=None)
     ground.see(seen, at(0.0))
     assert way_m(ground, Place(4.0, 0.0, H_M), WEST, 1) > 0.0
+
+
+# From one sortie to the next.
+
+
+def going_on(earlier: KnownGround, ground: KnownGround | None = None) -> KnownGround:
+    """A flight that goes on from what another one has seen."""
+    ground = KnownGround(ALL_ROUND) if ground is None else ground
+    ground.go_on_from(earlier.seen())
+    return ground
+
+
+@pytest.mark.parametrize("gamma", [-1, 1])
+@pytest.mark.parametrize("direction_rad", [EAST, WEST])
+def test_what_an_earlier_flight_saw_counts_as_seen(direction_rad: float, gamma: int) -> None:
+    """Before its first look it knows every way that the other one knew, and where the unseen begins."""
+    first = seen_along(DRIFT, -10.0, 0.0)
+    second = going_on(first)
+    for place in (START, Place(-8.0, 0.5, 0.0)):
+        assert way_m(second, place, direction_rad, gamma) == way_m(first, place, direction_rad, gamma)
+    assert second.seen().free_m2 == first.seen().free_m2 > 0.0
+
+
+def test_afterwards_it_holds_what_both_have_seen() -> None:
+    """As if one had flown all of it, from any place: what is written then is the ground of the next sortie."""
+    both = seen_along(DRIFT, 6.0, 12.0, going_on(seen_along(DRIFT, -10.0, 5.75))).seen()
+    alone = seen_along(DRIFT, -10.0, 12.0).seen()
+    assert (both.x_m, both.y_m) == pytest.approx((alone.x_m, alone.y_m))
+    np.testing.assert_array_equal(both.grid.cells, alone.grid.cells)
+    np.testing.assert_array_equal(both.grid.ground_dm, alone.grid.ground_dm)
+
+
+def test_a_wall_that_lies_elsewhere_now_is_soon_forgotten() -> None:
+    """Whoever puts the vehicle back by hand is some degrees off: the walls of before would close the drift for ever."""
+    first = seen_along(DRIFT, 0.0, 0.0)
+    across = Scene([(-12.0, -2.0), (3.4, -2.0), (3.4, 2.0), (-12.0, 2.0)])
+    for _ in range(20):
+        look(first, across, at(0.2, 0.2))
+    second = going_on(first)
+    assert find_ways(second, START) is not None
+    row, column = second.seen().cell(Place(3.4, 0.2, 0.0))
+    assert second.seen().grid.cells[0, row, column] == WALL
+    look(second, DRIFT, at(0.2, 0.2))
+    row, column = second.seen().cell(Place(3.4, 0.2, 0.0))
+    assert second.seen().grid.cells[0, row, column] == FREE
+
+
+def test_levels_stay_apart_from_one_sortie_to_the_next() -> None:
+    """What lies above each other is taken up as that."""
+    first = seen_along(DRIFT, 0.0, 2.0)
+    for x_m in np.arange(0.2, 2.21, 0.25):
+        look(first, DRIFT, at(float(x_m), 0.2, ground_m=8.0))
+    second = going_on(first)
+    assert second.seen().free_m2 == first.seen().free_m2
+    assert second.seen().grid.cells.shape[0] == 2
+    row, column = second.seen().cell(Place(4.0, 0.2, 0.0))
+    assert {level_at(second.seen().grid, row, column, ground_dm) for ground_dm in (0, 80)} == {0, 1}
+
+
+def test_what_was_given_up_or_blocked_may_be_tried_again() -> None:
+    """A person may have opened a door, and the camera comes from elsewhere."""
+    first = seen_along(DRIFT, 0.0, 0.0)
+    first.give_up(Place(6.0, 0.0, 0.0), 3.0)
+    first.block(Place(3.0, 0.0, 0.0))
+    assert GIVEN_UP in first.seen().grid.cells
+    assert len(first.seen().blocked) == 1
+    second = going_on(first).seen()
+    assert GIVEN_UP not in second.grid.cells
+    assert len(second.blocked) == 0
+    assert second.free_m2 == first.seen().free_m2
+
+
+def test_nothing_seen_is_nothing_to_go_on_from() -> None:
+    """As after a flight with a coin, which notes nothing: it begins anew."""
+    assert find_ways(going_on(KnownGround(ALL_ROUND)), START) is None
+    assert seen_along(DRIFT, 0.0, 1.0, going_on(KnownGround(ALL_ROUND))).seen().free_m2 > 0.0
+
+
+@pytest.mark.parametrize(
+    ("cell_m", "columns", "why"),
+    [(0.3, 4, "its cells are 0.3 m wide, those of this flight 0.5 m"), (CELL_M, MOST_CELLS + 1, "2048 to a side")],
+)
+def test_ground_of_another_kind_is_not_taken_up(cell_m: float, columns: int, why: str) -> None:
+    """It says what is wrong, and has taken up nothing by then."""
+    grid = GroundGrid.unseen(2, columns)
+    grid.cells[:] = FREE
+    ground = KnownGround(ALL_ROUND)
+    with pytest.raises(ValueError, match=why):
+        ground.go_on_from(Window(grid, NOWHERE, 0.0, 0.0, cell_m))
+    assert ground.whole() is None
+
+
+def test_as_much_as_a_grid_may_hold_is_taken_up() -> None:
+    """The largest ground that a flight leaves behind: 1 km of drift."""
+    grid = GroundGrid.unseen(3, MOST_CELLS)
+    grid.cells[:] = FREE
+    ground = KnownGround(ALL_ROUND)
+    ground.go_on_from(Window(grid, NOWHERE, -512.0, -0.75, CELL_M))
+    known = ground.seen()
+    assert (known.x_m, known.y_m, known.grid.cells.shape) == (-512.0, -0.75, (1, 3, MOST_CELLS))

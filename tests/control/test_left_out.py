@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from companion.control.left_out import MOST_LISTED, LeftOut, Why, in_words, merged, pieces
+from companion.control.left_out import MOST_LISTED, LeftOut, Why, in_words, merged, pieces, so_many, to_explore
 
 
 def place(x_m: float, why: Why, extent_m: float = 1.0, z_m: float = 0.0) -> LeftOut:
@@ -38,3 +39,12 @@ def test_a_place_is_as_large_as_its_cells() -> None:
     found = sorted((LeftOut.over(points_m[part], 0.5, Why.TOO_LOW) for part in pieces(points_m, 0.5, 1.0)), key=str)
     assert [round(piece.extent_m, 2) for piece in found] == [0.5, 1.5, 0.5]
     assert found[1].as_json() == {"x_m": 0.75, "y_m": 0.58, "z_m": 0.07, "extent_m": 1.5, "why": "too low"}
+
+
+@pytest.mark.parametrize(("reached", "told"), [(0, "0 places"), (1, "1 place"), (12, "12 places")])
+def test_only_what_a_way_leads_to_is_left_to_explore(reached: int, told: str) -> None:
+    """Another flight gets no further where there is no room; what it does get to is told in words."""
+    others = [LeftOut(0.0, 0.0, 0.0, 1.0, why) for why in Why if why is not Why.NOT_REACHED]
+    places = others + [LeftOut(float(n), 0.0, 0.0, 1.0, Why.NOT_REACHED) for n in range(reached)]
+    assert to_explore(places) == reached
+    assert so_many(to_explore(places)) == told

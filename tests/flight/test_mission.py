@@ -19,12 +19,14 @@ from companion.autopilot.telemetry import Telemetry
 from companion.config.load import load_settings
 from companion.config.settings import Settings
 from companion.control.completion import SUSTAINED_S, MapWord
+from companion.control.ground_grid import FREE
+from companion.control.known_ground import KnownGround, Place
 from companion.control.left_out import LeftOut, Why
 from companion.control.navigator import Navigator
 from companion.flight import mission
 from companion.flight.gate_client import GateClient
 from companion.flight.lookout import DONE_PERIOD_S
-from companion.flight.navigation_files import Navigation
+from companion.flight.navigation_files import EarlierGround, Navigation
 from companion.flight.phase import PhaseMachine
 from companion.flight.preflight import check_names
 from companion.flight.request import FlightRequest
@@ -32,15 +34,17 @@ from companion.flight.session import Session
 from companion.flight.tasks import background
 from companion.gate.protocol import Beat, Phase
 from companion.mapping.files.graph_file import read_graph
-from companion.mapping.files.ground_file import read_known_ground
+from companion.mapping.files.ground_file import ground_content, read_known_ground, write_known_ground
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavCmd
-from companion.model import Beam, RangeReading
+from companion.model import Beam, Pose, RangeReading
 from companion.recording import open_recording
 from companion.recording.flight_stats import figures
+from companion.recording.replay import replay
 from companion.sensors.sink import RawDepth, SensorSink
 from companion.sensors.synchronizer import Synchronizer
 from tests.autopilot.scripted import ScriptedAutopilot, ScriptedLink
+from tests.control.scene import measurement, scan_of
 from tests.flight.fake_gate import FakeGate
 from tests.flight.test_reporting import STATUS
 from tests.shared.clocks import HandClock
@@ -59,7 +63,7 @@ class Map:
     def __init__(self, clock: HandClock) -> None:
         self.status = replace(STATUS, word=SOMETHING_LEFT)
         self.offered = 0
-        self.left_out = (LeftOut(3.0, 4.0, 1.5, 1.2, Why.TOO_LOW),)
+        self.left_out: tuple[LeftOut, ...] = (LeftOut(3.0, 4.0, 1.5, 1.2, Why.TOO_LOW),)
         self._clock = clock
 
     def __call__(self, *_: object, **__: object) -> Self:
@@ -126,6 +130,7 @@ class Scene:
         self.mine = Mine(self.link, self.clock, self.settings, gate)
         self.map = Map(self.clock)
         self.lines: list[str] = []
+        self.resume_map: Path | None = None
         monkeypatch.setattr(mission, "warm_up", lambda _: None)
         monkeypatch.setattr(mission, "MonotonicClock", lambda: self.clock)
         monkeypatch.setattr(mission, "MapClient", self.map)
@@ -140,12 +145,16 @@ class Scene:
             inputs = Synchronizer(sink, telemetry.poses)
             yield Session(settings, clock, self.link, telemetry, sink, inputs, gate, flight)
 
+    def ends_after(self, time_limit_s: float) -> None:
+        """The flight has so much time."""
+        mission_settings = self.settings.mission.model_copy(update={"time_limit_s": time_limit_s})
+        self.settings = self.settings.model_copy(update={"mission": mission_settings})
+
     async def fly(self) -> dict[str, Any]:
         """The flight; its checks, which have tests of their own, are skipped."""
         skip = check_names(self.settings)
-        return await mission.fly(
-            FlightRequest("run", self.settings, "flight", 1, skip=skip), self.gate.link, self._show
-        )
+        request = FlightRequest("run", self.settings, "flight", 1, skip=skip, resume_map=self.resume_map)
+        return await mission.fly(request, self.gate.link, self._show)
 
     def _show(self, line: str) -> None:
         self.lines.append(line)
@@ -184,6 +193,7 @@ async def test_a_flight_from_the_checks_to_the_summary(
     low = {"x_m": 3.0, "y_m": 4.0, "z_m": 1.5, "extent_m": 1.2, "why": "too low"}
     assert low in summary["left_out"]
     assert any(line.startswith("map 40% (estimate); seen and left out: 1 too low") for line in scene.lines)
+    assert scene.lines[-1].startswith("complete: "), "it does not say to fly again"
     assert not scene.mine.armed
     assert ("waiting for the start" in scene.lines) is (start == "command")
     said = ["taking off", "exploring", "the way home ended: home; landing", "writing the map"]
@@ -213,18 +223,29 @@ async def test_a_flight_from_the_checks_to_the_summary(
     assert read_known_ground(folder / "known_ground.npz").cell_m > 0.0
 
 
-@pytest.mark.parametrize("resumed", [True, False])
-def test_the_graph_of_a_flight_that_resumes_a_map_leaves_that_of_the_other(tmp_path: Path, resumed: bool) -> None:
-    """Protects the first flight's: both lie beside the map, and both are drawn there."""
+@pytest.mark.parametrize(
+    ("resumed", "goes_on", "of_second"),
+    [
+        (False, False, {"20000101-010000/graph.json", "20000101-010000/known_ground.npz"}),
+        (
+            True,
+            False,
+            {"20000101-000000/graph-20000101-010000.json", "20000101-000000/known_ground-20000101-010000.npz"},
+        ),
+        (True, True, {"20000101-000000/graph-20000101-010000.json"}),
+    ],
+)
+def test_the_graph_of_a_flight_that_resumes_a_map_leaves_that_of_the_other(
+    tmp_path: Path, resumed: bool, goes_on: bool, of_second: set[str]
+) -> None:
+    """Protects the first flight's: both lie beside the map, but for ground that the second one's holds as well."""
     navigation = Navigation.of(Navigator(load_settings().control, np.random.default_rng(0)))
     first, second = tmp_path / "20000101-000000", tmp_path / "20000101-010000"
     for folder in (first, second):
         folder.mkdir()
-        navigation.write(first if resumed else folder, folder)
+        navigation.write(first if resumed else folder, folder, goes_on)
     names = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.*")}
-    of_second = "20000101-000000/{}-20000101-010000.{}" if resumed else "20000101-010000/{}.{}"
-    expected = {of_second.format("graph", "json"), of_second.format("known_ground", "npz")}
-    assert names == expected | {"20000101-000000/graph.json", "20000101-000000/known_ground.npz"}
+    assert names == of_second | {"20000101-000000/graph.json", "20000101-000000/known_ground.npz"}
 
 
 async def test_a_graph_that_cannot_be_written_costs_the_graph_alone(
@@ -240,6 +261,90 @@ async def test_a_graph_that_cannot_be_written_costs_the_graph_alone(
     summary = await scene.fly()
     assert summary["ended_because"] == "complete"
     assert [line for line in scene.lines if line.startswith("the navigation graph was not written: ")]
+
+
+def earlier_flight(folder: Path) -> Path:
+    """The folder of a flight with a map, and what it knew of the ground: a place 50 m away."""
+    (folder / "map.journal").mkdir(parents=True)
+    ground = KnownGround(cell_m=Navigator(load_settings().control, np.random.default_rng(0)).known_ground.cell_m)
+    ground.see(measurement(scan_of(lambda _: 6.0), h_m=1.5), Pose(0.0, 50.0, 0.0, 1.5, 0.0))
+    write_known_ground(ground.seen(), folder / "known_ground.npz")
+    return folder
+
+
+async def test_a_second_sortie_goes_on_from_the_ground_of_the_first(
+    gate: FakeGate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What was seen counts as seen, one file knows both afterwards, and the recording can be flown again."""
+    first = earlier_flight(tmp_path / "first")
+    before = read_known_ground(first / "known_ground.npz")
+    scene = Scene(gate, tmp_path / "flights", "now", monkeypatch)
+    scene.ends_after(4.0)
+    scene.resume_map = first
+    summary = await scene.fly()
+    assert summary["known_before_m2"] == pytest.approx(before.free_m2, abs=0.1)
+    assert any(line.startswith("known ground goes on: ") for line in scene.lines)
+    both = read_known_ground(first / "known_ground.npz")
+    row, column = both.cell(Place(54.0, 0.2, 0.0))
+    assert both.grid.cells[0, row, column] == FREE, "what the first has seen"
+    assert both.free_m2 > before.free_m2 + 1.0, "and what the second has"
+    assert not list(first.glob("known_ground-*"))
+    assert len(list(first.glob("graph-*.json"))) == 1
+    flown = replay(next((tmp_path / "flights").iterdir()) / "flight.mcap")
+    assert (flown.stopped, flown.differing) == (None, 0)
+    assert flown.compared > 50
+
+
+async def test_ground_that_cannot_be_gone_on_from_costs_the_ground_alone(
+    gate: FakeGate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It flies, says why it begins anew, and its last line is for whoever changes the battery."""
+    first = earlier_flight(tmp_path / "first")
+    (first / "known_ground.npz").write_bytes(DAMAGED)
+    scene = Scene(gate, tmp_path / "flights", "now", monkeypatch)
+    scene.ends_after(2.0)
+    scene.resume_map = first
+    scene.map.left_out += (LeftOut(9.0, 9.0, 0.0, 3.0, Why.NOT_REACHED),)
+    summary = await scene.fly()
+    assert (summary["ended_because"], summary["known_before_m2"]) == ("time limit", None)
+    told = "known ground is not gone on from: "
+    assert [line for line in scene.lines if line.startswith(told) and "is no known ground, or damaged" in line]
+    left = sum(place["why"] == "not reached" for place in summary["left_out"])
+    places = "1 place" if left == 1 else f"{left} places"
+    assert scene.lines[-1] == f"{places} left to explore: fly again from the same place with --resume-map {first}"
+    texts = [fields["text"] for fields in scene.link.sent_named("STATUSTEXT")]
+    assert "companion: known ground was not taken up" in texts
+    assert texts[-1] == f"companion: {places} left to explore"
+
+
+DAMAGED = b"PK\x03\x04"
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        (None, "No such file"),
+        (DAMAGED, "is no known ground, or damaged"),
+        (ground_content(KnownGround(cell_m=3.0).seen()), "its cells are 3 m wide, those of this flight 0.5 m"),
+    ],
+)
+def test_ground_that_was_not_gone_on_from_stays(content: bytes | None, why: str, tmp_path: Path) -> None:
+    """Whatever is wrong with it: the flight says so in words, and writes its own beside it, or in the place of none."""
+    first, second = tmp_path / "first", tmp_path / "second"
+    file = earlier_flight(first) / "known_ground.npz"
+    file.unlink()
+    if content is not None:
+        file.write_bytes(content)
+    navigator = Navigator(load_settings().control, np.random.default_rng(0))
+    earlier = EarlierGround.taken_up(navigator.known_ground, first)
+    assert earlier.problem is not None
+    assert str(file) in earlier.problem
+    assert why in earlier.problem
+    assert (earlier.content, earlier.free_m2) == (b"", None)
+    Navigation.of(navigator).write(first, second, earlier.window is not None)
+    beside = {path.name for path in first.glob("*.npz")} - {file.name}
+    assert beside == (set() if content is None else {"known_ground-second.npz"})
+    assert content is None or file.read_bytes() == content
 
 
 class StoppedClock(datetime):

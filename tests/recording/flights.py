@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from companion.config.mission import RecordSettings
 from companion.config.sensors import CameraSettings, PlanarSettings, SensorSettings
 from companion.config.settings import Settings
+from companion.mapping.files.ground_file import ground_of_content
 from companion.model import (
     HIT,
     Beam,
@@ -89,8 +91,12 @@ def fly_in_room(
     record: RecordSettings | None = None,
     settings: Settings = SETTINGS,
     order: Callable[[float], Order] = lambda _: Order.EXPLORE,
+    earlier: bytes = b"",
 ) -> Recorder:
-    """A recorded flight in the simulated room: looks for one second, then flies as it is ordered to at each time."""
+    """A recorded flight in the simulated room: looks for one second, then flies as it is ordered to at each time.
+
+    It goes on from the known ground of an ``earlier`` one, the content of its file.
+    """
     to_vehicle, to_sensors, to_navigator = np.random.SeedSequence(seed).spawn(3)
     world = load_world("room", seed=seed)
     caster = RayCaster(world)
@@ -105,8 +111,10 @@ def fly_in_room(
     start = Pose(0.0, float(first[0]), float(first[1]), float(first[2]) + settings.control.height_m, 0.3)
     vehicle = Vehicle(settings.sim.dynamics, start, np.random.default_rng(to_vehicle))
     rng = np.random.default_rng(to_navigator)
-    info = FlightInfo.of(settings, rng)
+    info = replace(FlightInfo.of(settings, rng), known_ground=earlier)
     explorer = Explorer(settings, rng)
+    if earlier:
+        explorer.navigator.known_ground.go_on_from(ground_of_content(earlier, "earlier"))
     clock = HandClock(0.0)
     with Recorder(file, record or RecordSettings(), info, clock) as recorder:
         for _ in range(round(duration_s / settings.control.period_s)):

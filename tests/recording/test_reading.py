@@ -11,7 +11,10 @@ import pytest
 
 from companion.config.control import ControlSettings
 from companion.config.mission import RecordSettings
+from companion.control.ground_grid import FREE, GroundGrid
+from companion.control.known_ground import CELL_M, NOWHERE, KnownGround, Window
 from companion.errors import InputError
+from companion.mapping.files.ground_file import ground_content
 from companion.model import Mode
 from companion.pipeline import Explorer, Order
 from companion.recording import Recorder, open_recording
@@ -19,6 +22,7 @@ from companion.recording.content import ENDED, ENGAGED
 from companion.recording.flight_stats import Figures, figures, render, show_figures
 from companion.recording.replay import _then, replay
 from companion.station_keeping import StationKeeper
+from sitl.mines import load_world
 from tests.recording.flights import SETTINGS, fly_in_room, make_info, make_tick
 from tests.shared.clocks import HandClock
 
@@ -214,6 +218,42 @@ def test_without_its_orders_a_flight_that_came_home_is_another(tmp_path: Path, m
     assert found.differing > 0
     assert found.first_difference_s is not None
     assert found.first_difference_s >= HOME_S
+
+
+def ground_of_the_room() -> bytes:
+    """What an earlier flight has seen of the simulated room: its whole floor, and nothing about it."""
+    corners_m = load_world("room", seed=1).vertices_m
+    low_m, high_m = corners_m.min(axis=0), corners_m.max(axis=0)
+    columns, rows = np.ceil((high_m - low_m)[:2] / CELL_M).astype(int)
+    grid = GroundGrid.unseen(rows, columns)
+    grid.cells[:] = FREE
+    grid.ground_dm[:] = round(10.0 * float(low_m[2]))
+    return ground_content(Window(grid, NOWHERE, float(low_m[0]), float(low_m[1]), CELL_M))
+
+
+def test_a_flight_that_went_on_from_earlier_ground_is_flown_again_exactly(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Protects the records of a second sortie: what it knew before it began decides where it flies."""
+    file, content = tmp_path / "flight.mcap", ground_of_the_room()
+    fly_in_room(file, LONG_S, earlier=content)
+    assert open_recording(file).info.known_ground == content
+    found = replay(file)
+    assert (found.stopped, found.differing, found.largest_difference) == (None, 0, 0.0)
+    assert found.compared == round((LONG_S - 1.0) / SETTINGS.control.period_s)
+    monkeypatch.setattr(KnownGround, "go_on_from", lambda *_: None)
+    assert replay(file).differing > 0, "without it another flight"
+
+
+def test_earlier_ground_that_is_of_no_use_now_is_told(tmp_path: Path) -> None:
+    """With settings that make other cells of the ground the flight cannot be flown again."""
+    file = tmp_path / "flight.mcap"
+    fly_in_room(file, 1.2, earlier=ground_of_the_room())
+    narrow = SETTINGS.model_copy(update={"control": SETTINGS.control.model_copy(update={"critical_margin_m": 0.5})})
+    with pytest.raises(
+        InputError, match=r"flight\.mcap: it went on from .* its cells are 0\.5 m wide, .* 0\.3125 m; give"
+    ):
+        replay(file, narrow)
 
 
 def test_a_part_to_the_left_is_recorded_and_compared(flight: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import zipfile
+import zlib
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.lib.npyio import NpzFile
@@ -13,7 +16,13 @@ from companion.control.known_ground import MOST_CELLS, Window
 from companion.errors import InputError
 from companion.mapping.files.whole import whole_file
 
+GROUND_NAME = "known_ground.npz"
+"""Its name beside a map, and in the recording of a flight that went on from it."""
+
 _NAMES = {"cells", "ground_dm", "belief", "blocked", "low_m", "cell_m"}
+
+_DAMAGE = (ValueError, LookupError, EOFError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error)
+"""What comes of a damaged archive: flags that say it is encrypted or packed otherwise, sizes that no memory holds."""
 
 
 def write_known_ground(ground: Window, path: Path) -> None:
@@ -23,15 +32,14 @@ def write_known_ground(ground: Window, path: Path) -> None:
         OSError: it cannot be written; what was there before still is.
     """
     with whole_file(path) as file:
-        np.savez_compressed(
-            file,
-            cells=ground.grid.cells,
-            ground_dm=ground.grid.ground_dm,
-            belief=ground.grid.belief,
-            blocked=ground.blocked,
-            low_m=np.array([ground.x_m, ground.y_m]),
-            cell_m=np.array(ground.cell_m),
-        )
+        _save(ground, file)
+
+
+def ground_content(ground: Window) -> bytes:
+    """The content of the file that `write_known_ground` writes."""
+    file = io.BytesIO()
+    _save(ground, file)
+    return file.getvalue()
 
 
 def read_known_ground(path: Path) -> Window:
@@ -43,13 +51,43 @@ def read_known_ground(path: Path) -> Window:
     try:
         # Opened here: of what is no archive numpy leaves the file open.
         with path.open("rb") as opened:
-            file = np.load(opened, allow_pickle=False)
-            if not isinstance(file, NpzFile) or not _NAMES.issubset(file.files):
-                raise InputError(f"{path}: is no known ground: it lacks one of {', '.join(sorted(_NAMES))}")
-            arrays = {name: file[name] for name in _NAMES}
+            return _load(opened, str(path))
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
-    except (ValueError, zipfile.BadZipFile, EOFError) as error:
+
+
+def ground_of_content(content: bytes, name: str) -> Window:
+    """What `ground_content` was made of.
+
+    Args:
+        content: of the file.
+        name: of where it comes from, for people.
+
+    Raises:
+        InputError: it is none, or damaged.
+    """
+    return _load(io.BytesIO(content), name)
+
+
+def _save(ground: Window, file: BinaryIO) -> None:
+    np.savez_compressed(
+        file,
+        cells=ground.grid.cells,
+        ground_dm=ground.grid.ground_dm,
+        belief=ground.grid.belief,
+        blocked=ground.blocked,
+        low_m=np.array([ground.x_m, ground.y_m]),
+        cell_m=np.array(ground.cell_m),
+    )
+
+
+def _load(opened: BinaryIO, path: str) -> Window:
+    try:
+        file = np.load(opened, allow_pickle=False)
+        if not isinstance(file, NpzFile) or not _NAMES.issubset(file.files):
+            raise InputError(f"{path}: is no known ground: it lacks one of {', '.join(sorted(_NAMES))}")
+        arrays = {name: file[name] for name in _NAMES}
+    except _DAMAGE as error:
         raise InputError(f"{path}: is no known ground, or damaged: {error}") from None
     cells, ground_dm, belief, blocked = (arrays[name] for name in ("cells", "ground_dm", "belief", "blocked"))
     low_m, cell_m = arrays["low_m"], arrays["cell_m"]

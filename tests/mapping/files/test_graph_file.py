@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import random
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +17,7 @@ from companion.control.graph import Graph
 from companion.control.known_ground import KnownGround, Place
 from companion.errors import InputError
 from companion.mapping.files.graph_file import read_graph, write_graph
-from companion.mapping.files.ground_file import read_known_ground, write_known_ground
+from companion.mapping.files.ground_file import ground_content, ground_of_content, read_known_ground, write_known_ground
 from companion.model import Pose
 from tests.control.scene import measurement, scan_of
 from tests.shared.graphs import small_graph
@@ -192,6 +193,26 @@ def test_damaged_ground_is_refused_by_name(tmp_path: Path, name: str, value: np.
     np.savez(tmp_path / "known_ground.npz", **(whole | {name: value}))
     with pytest.raises(InputError, match=rf"known_ground\.npz: {name}: .* the file is damaged"):
         read_known_ground(tmp_path / "known_ground.npz")
+
+
+def test_any_damage_to_the_known_ground_is_told() -> None:
+    """Before, a byte that was flipped could end whoever read the file: a flight that goes on from it must not end."""
+    content = ground_content(looked().seen())
+    assert ground_of_content(content, "whole").free_m2 == looked().seen().free_m2
+    chance = random.Random(1)  # noqa: S311 - damage, not a secret
+    told = []
+    for n in range(2000):
+        damaged = bytearray(content)
+        if n % 4:
+            damaged[chance.randrange(len(damaged))] = chance.randrange(256)
+        else:
+            del damaged[chance.randrange(len(damaged)) :]
+        try:
+            ground_of_content(bytes(damaged), "flight.mcap: known_ground.npz")
+        except InputError as error:
+            told.append(str(error))
+    assert len(told) > 1000
+    assert all(text.startswith("flight.mcap: known_ground.npz: ") for text in told)
 
 
 @pytest.mark.parametrize("content", [b"", b"no archive", b"PK\x03\x04"])

@@ -6,6 +6,7 @@ import contextlib
 import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -19,8 +20,10 @@ import pytest
 
 from companion.cli.main import main
 from companion.config.load import load_settings
+from companion.control.known_ground import KnownGround
 from companion.mapping.files import Georeference, MapFileError, open_map, write
 from companion.mapping.files.facts import facts_of
+from companion.mapping.files.ground_file import ground_content, read_known_ground
 from companion.mapping.voxels.piece import MapSource
 from sitl.cli import sim
 from sitl.report import run_folder
@@ -559,3 +562,59 @@ class TestWhatCannotBeWritten:
         assert set(unwritten) >= {"map.bt", "report.html", "overview.png"}
         assert not done.files & set(unwritten), "half a file is taken for a whole one"
         assert "what had been written is in" in done.err
+
+
+@pytest.mark.usefixtures("short_report")
+def test_a_mission_goes_on_from_an_earlier_one(tmp_path: Path) -> None:
+    """Map, known ground and start are those of the first; the last line of each says how to go on."""
+    first = fly(tmp_path, "--world", "room", "--seed", "3", "--time-limit", "3")
+    last = first.out.strip().splitlines()[-1]
+    assert re.fullmatch(r"\d+ places? left to explore: fly again with --resume .*flight", last)
+    again = ("--world", "room", "--resume", str(first.folder))
+    folder = tmp_path / "second"
+    second = fly(tmp_path, *again, "--time-limit", "1", "--out", str(folder))
+    assert beginning(folder) == beginning(first.folder), "whatever the seed"
+    for how_much in (completeness, ground_free_m2, chunks_of_map):
+        assert how_much(folder) >= how_much(first.folder) > 0.0
+    assert second.out.strip().splitlines()[-1].endswith(f"fly again with --resume {folder}")
+
+
+def beginning(folder: Path) -> list[str]:
+    """Where the vehicle of a mission began."""
+    return (folder / "trajectory.csv").read_text("utf-8").splitlines()[1].split(",")[2:6]
+
+
+def completeness(folder: Path) -> float:
+    return float(json.loads((folder / "summary.json").read_text("utf-8"))["completeness"])
+
+
+def ground_free_m2(folder: Path) -> float:
+    return read_known_ground(folder / "known_ground.npz").free_m2
+
+
+def chunks_of_map(folder: Path) -> int:
+    return facts_of(open_map(folder / "map.journal")).chunks
+
+
+@pytest.mark.usefixtures("short_report")
+def test_what_a_mission_cannot_go_on_from_is_refused(tmp_path: Path) -> None:
+    """Before it flies, with what is wrong: another mine, another kind of map, a folder that is none or is damaged."""
+    first = fly(tmp_path, "--world", "room", "--time-limit", "1").folder
+    fine = tmp_path / "fine.yaml"
+    fine.write_text("mapping: {voxel_m: 0.2}\n", encoding="utf-8")
+
+    def refused(*arguments: str, world: str = "room", folder: Path = first) -> str:
+        out = tmp_path / "second"
+        done = fly(tmp_path, "--world", world, "--resume", str(folder), *arguments, "--out", str(out))
+        assert done.code == 2
+        assert not out.exists()
+        return done.err
+
+    assert "flown in room, not in slope" in refused(world="slope")
+    assert "leave out --vehicles" in refused("--vehicles", "2")
+    assert "voxel_m is 0.2, not 0.3 (mapping)" in refused("--config", str(fine))
+    assert "summary.json: No such file" in refused(folder=tmp_path / "nowhere")
+    (first / "known_ground.npz").write_bytes(ground_content(KnownGround(cell_m=0.3).seen()))
+    assert "its cells are 0.3 m wide" in refused()
+    (first / "trajectory.csv").write_text("t_s\r\n")
+    assert "trajectory.csv is damaged" in refused()
