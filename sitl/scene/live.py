@@ -34,6 +34,12 @@ class LiveWorld:
         self._echoes = None if surfaces is None else Echoes(world, surfaces, caster, camera)
         self._is_dark = False
 
+    def restart(self) -> None:
+        """Everything is as it was before a vehicle came."""
+        for mover in self._movers:
+            mover.restart()
+        self._is_dark = False
+
     def look(self, pose: Pose) -> None:
         """A vehicle truly is there now: what waits for it begins. Called once a tick, in order of time."""
         for mover in self._movers:

@@ -34,6 +34,10 @@ class Moving:
         self._takes_s = float(np.linalg.norm(self._way_m)) / mover.speed_mps
         self._began_s = np.inf
 
+    def restart(self) -> None:
+        """It stands where it first stood."""
+        self._began_s = np.inf
+
     def look(self, pose: Pose) -> None:
         """A vehicle is there now."""
         if pose.t_s < self._began_s and self._mover.trigger.is_met(pose):
