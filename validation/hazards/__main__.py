@@ -43,7 +43,7 @@ def main() -> None:
         rows = _flown(campaign, default_folder("hazards") if given.out is None else given.out, given.jobs)
     except CompanionError as error:
         raise SystemExit(f"error: {error}") from None
-    print("\n".join(table(rows)))
+    sys.stdout.write("\n".join(table(rows)) + "\n")
     raise SystemExit(any(row.get("contacts") for row in rows))
 
 
@@ -67,7 +67,7 @@ def _flown(campaign: Campaign, folder: Path, jobs: int) -> list[Row]:
         def keep(row: Row) -> None:
             ledger.append(row)
             place = f"{len(ledger.rows)}/{len(campaign.missions)} {row['given_world']} {row['preset']} {row['seed']}"
-            print(f"{place}: {row['ended_because']}, contacts {row.get('contacts')}", file=sys.stderr, flush=True)
+            sys.stderr.write(f"{place}: {row['ended_because']}, contacts {row.get('contacts')}\n")
 
         run(missing, workers, fly, keep)
         return list(ledger.rows.values())

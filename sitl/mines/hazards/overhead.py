@@ -22,13 +22,13 @@ def cable() -> World:
 
 
 def net() -> World:
-    """A piece of roof mesh that hangs down over half of the drift: wires of 4 mm, 10 cm apart."""
-    x_m, south_m, north_m, low_m, high_m = 11.0, -2.6, 0.2, 0.8, HEIGHT_M + 0.3
+    """A piece of roof mesh that hangs down over a third of the drift: wires of 4 mm, 10 cm apart."""
+    x_m, south_m, north_m, low_m, high_m = 11.0, -2.6, -0.3, 0.8, HEIGHT_M + 0.3
     wires: list[Body] = [
         beam((x_m, y, low_m), (x_m, y, high_m), 0.004) for y in np.arange(south_m, north_m + 0.01, 0.1)
     ]
     wires += [beam((x_m, south_m, z), (x_m, north_m, z), 0.004) for z in np.arange(low_m, high_m, 0.1)]
-    return mine("net", "wire mesh over half of the drift, wires of 4 mm 10 cm apart", together(_shell(), wires))
+    return mine("net", "wire mesh over a third of the drift, wires of 4 mm 10 cm apart", together(_shell(), wires))
 
 
 def overhang() -> World:

@@ -35,7 +35,8 @@ def test_the_mine_is_closed_and_a_vehicle_can_start(name: str) -> None:
     """Protects flights that begin in a wall, and holes that nobody wanted; the open scan is the one that is open."""
     world = world_of(name)
     assert world.name == f"hazard:{name}"
-    assert (open_edges(world.vertices_m.astype(np.float64), world.triangles) > 0) == (name == "open-end")
+    edges = open_edges(world.vertices_m.astype(np.float64), world.triangles.astype(np.int64))
+    assert (edges > 0) == (name == "open-end")
     caster, settings = RayCaster(world), load_settings(None, "flight")
     for seed in range(3):
         (start,) = start_poses(world, caster, settings, 1, np.random.default_rng(seed))
@@ -89,5 +90,7 @@ def test_so_much_of_the_surface_is_no_rock(name: str, surface: Surface, area_m2:
 
 def test_what_is_no_hazard_is_refused_with_those_that_are() -> None:
     """Protects the tired operator: the names stand in the refusal."""
-    with pytest.raises(InputError, match="hazard:shafts: after 'hazard:' comes one of pillar, mirrored-edges, .*shaft"):
+    with pytest.raises(
+        InputError, match=r"hazard:shafts: after 'hazard:' comes one of pillar, mirrored-edges, .*shaft"
+    ):
         load_world("hazard:shafts", 1)
