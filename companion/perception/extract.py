@@ -32,7 +32,7 @@ from companion.perception.look import Look, bin_bearings, planar_look
 from companion.perception.rangefinders import Beams, sees_nothing
 from companion.perception.scan_memory import ScanMemory
 from companion.perception.shafts import Shafts
-from companion.perception.view import view_of
+from companion.perception.view import shows_anything, view_of
 from companion.sides import NOTHING_AROUND, Side, Sides
 
 POSE_STALE_S = 0.3
@@ -97,7 +97,12 @@ class Extractor:
         ground_m = self._ground.height_m(t_s)
         if over_shaft:
             self._shafts.mark(pose)
-        if observation.frame is not None and observation.frame.pose.is_finite and ground_m is not None:
+        if (
+            observation.frame is not None
+            and observation.frame.pose.is_finite
+            and ground_m is not None
+            and shows_anything(observation.frame)
+        ):
             h_then_m = observation.frame.pose.z_m - ground_m
             # A jump of the estimate can put the vehicle below the ground: that frame says nothing.
             if 0.0 < h_then_m < FARTHEST_GROUND_M:
@@ -106,10 +111,12 @@ class Extractor:
                     view, observation.frame, h_then_m, self._slab, self._settings.scan.bins
                 )
                 self._memory.remember_view(view, then, self._settings.scan.memory_look_m, observation.frame.t_s)
+                # Nearer, the floor before it is below the picture.
+                self._remember(self._ahead, then.z_m, self._ahead.inferred)
                 self._approach(self._ahead, 0, (Beam.FRONT,))
         if observation.planar is not None and observation.planar.pose.is_finite:
             self._around = planar_look(observation.planar, self._settings.scan.bins)
-            self._remember(self._around, observation.planar.pose.z_m)
+            self._remember(self._around, observation.planar.pose.z_m, self._around.state == HIT)
             self._approach(self._around, 1, _SIDEWAYS)
         known = [look for look in (self._ahead, self._around) if look is not None and look.t_s <= t_s]
         looks = [look for look in known if t_s - look.t_s <= self._settings.scan.stale_after_s]
@@ -182,8 +189,8 @@ class Extractor:
                 found[side] = Side(remembered_m, closing_mps)
         return Sides(*found.values())
 
-    def _remember(self, look: Look, z_m: float) -> None:
-        hits = (look.state == HIT) & (look.ranges_m <= self._settings.scan.memory_look_m)
+    def _remember(self, look: Look, z_m: float, which: NDArray[np.bool_]) -> None:
+        hits = which & (look.ranges_m <= self._settings.scan.memory_look_m)
         pose = Pose(look.t_s, look.x_m, look.y_m, z_m, look.yaw_rad)
         self._memory.remember(pose, self._bearings_rad[hits], look.ranges_m[hits], look.t_s)
 

@@ -20,6 +20,7 @@ class Look(NamedTuple):
         state: (bins,) uint8; UNKNOWN where it did not look or could not tell.
         covered: (bins,) bool, True where the sensor looks at all.
         limit_m: the range limit of CLEAR.
+        inferred: (bins,) bool, HIT though nothing came back from there: floor and roof end at it.
     """
 
     t_s: float
@@ -30,6 +31,7 @@ class Look(NamedTuple):
     state: NDArray[np.uint8]
     covered: NDArray[np.bool_]
     limit_m: float
+    inferred: NDArray[np.bool_]
 
 
 def bin_bearings(bins: int) -> FloatArray:
@@ -52,4 +54,14 @@ def planar_look(planar: PlanarScan, bins: int) -> Look:
     clear = looked & ~hit
     ranges[clear], state[clear] = planar.max_range_m, CLEAR
     pose = planar.pose
-    return Look(planar.t_s, pose.x_m, pose.y_m, pose.yaw_rad, ranges, state, looked, planar.max_range_m)
+    return Look(
+        planar.t_s,
+        pose.x_m,
+        pose.y_m,
+        pose.yaw_rad,
+        ranges,
+        state,
+        looked,
+        planar.max_range_m,
+        np.zeros(bins, np.bool_),
+    )

@@ -38,6 +38,16 @@ class View(NamedTuple):
     max_range_m: float
 
 
+LEAST_SHOWN_SHARE = 0.02
+"""Of the pixels: an image with fewer measured ones is none. Its lamp has failed, its lens is covered, or all that it
+looks at is black; flying on with what is remembered would be flying blind."""
+
+
+def shows_anything(frame: DepthFrame) -> bool:
+    """Whether enough of an image is measured to be a look at all; what is out of range is measured."""
+    return float(np.mean(frame.depth_m >= frame.camera.min_range_m)) >= LEAST_SHOWN_SHARE
+
+
 def view_of(frame: DepthFrame) -> View:
     """The image, levelled by the pose at its exposure."""
     camera = frame.camera

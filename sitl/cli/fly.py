@@ -23,7 +23,8 @@ def fly(
     personality: Annotated[Literal["px4", "ardupilot"], typer.Option(help="Which autopilot to be.")] = "px4",
     no_gps: Annotated[bool, typer.Option("--no-gps", help="Visual odometry instead of GPS.")] = False,
     world: Annotated[
-        str, typer.Option(metavar="NAME|MESH", help="complex, slope, room, random, random:K, or a mesh file.")
+        str,
+        typer.Option(metavar="NAME|MESH", help="complex, slope, room, random, random:K, hazard:NAME, or a mesh file."),
     ] = "room",
     scale: Scale = None,
     up: UpAxis = None,

@@ -38,7 +38,8 @@ class MissionFailedError(CompanionError):
 
 def simulate(
     world: Annotated[
-        str, typer.Option(metavar="NAME|MESH", help="complex, slope, room, random, random:K, or a mesh file.")
+        str,
+        typer.Option(metavar="NAME|MESH", help="complex, slope, room, random, random:K, hazard:NAME, or a mesh file."),
     ] = "complex",
     seed: Annotated[int, typer.Option(min=0, metavar="N", help="Draws start, noise and every choice.")] = 1,
     preset: Preset = None,

@@ -34,7 +34,8 @@ class ContactError(CompanionError):
 
 def world(
     world: Annotated[
-        str, typer.Option(metavar="NAME|MESH", help="complex, slope, room, random, random:K, or a mesh file.")
+        str,
+        typer.Option(metavar="NAME|MESH", help="complex, slope, room, random, random:K, hazard:NAME, or a mesh file."),
     ] = "complex",
     seed: Annotated[int, typer.Option(min=0, metavar="N", help="Draws start and noise.")] = 1,
     truth: Annotated[

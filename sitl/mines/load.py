@@ -8,6 +8,7 @@ from pathlib import Path
 from companion.errors import InputError
 from sitl.mines.files import SUFFIXES
 from sitl.mines.fixed import complex_world, room_world, slope_world
+from sitl.mines.hazards import HAZARDS
 from sitl.mines.mesh import mesh_world
 from sitl.mines.model import World
 from sitl.mines.placing import Reading
@@ -22,7 +23,7 @@ def load_world(spec: str, seed: int, start: Start | None = None, reading: Readin
 
     Args:
         spec: ``complex``, ``slope`` or ``room`` (after the paper's Section 5), ``random`` (drawn by ``seed``),
-            ``random:K`` (drawn by K whatever the seed), or the path of a mesh file.
+            ``random:K`` (drawn by K whatever the seed), ``hazard:NAME`` (one of `HAZARDS`), or the path of a mesh file.
         seed: draws the world ``random``; not negative.
         start: x, y, z in m and yaw in rad where the vehicle starts. Mesh files need it, unless a JSON file beside them
             names one, and have it in their own unit and origin.
@@ -42,10 +43,14 @@ def load_world(spec: str, seed: int, start: Start | None = None, reading: Readin
         if not (drawn_by.isascii() and drawn_by.isdigit()):
             raise InputError(f"world {spec}: after 'random:' comes the number that draws it, as in random:7")
         world = random_world(int(drawn_by))
+    elif kind == "hazard":
+        if drawn_by not in HAZARDS:
+            raise InputError(f"world {spec}: after 'hazard:' comes one of {', '.join(HAZARDS)}")
+        world = HAZARDS[drawn_by]()
     elif Path(spec).suffix or Path(spec).exists():
         return mesh_world(Path(spec), start, reading)
     else:
-        known = ", ".join([*_FIXED, "random", "random:K"])
+        known = ", ".join([*_FIXED, "random", "random:K", "hazard:NAME"])
         raise InputError(
             f"world {spec}: there is none of that name; give {known} or a mesh file ({', '.join(SUFFIXES)})"
         )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.model import Pose
+from sitl.mines.conditions import NONE, Conditions
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,6 +28,7 @@ class World:
         origin_m: what was taken away from the coordinates of a mesh file far from 0, in m: adding it gives them back.
         remarks: what people should know of a mesh file: its extent, what was odd, what was left out.
         unit_m: what one unit of a mesh file is.
+        conditions: what there is besides rock.
     """
 
     name: str
@@ -38,6 +40,7 @@ class World:
     origin_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     remarks: tuple[str, ...] = ()
     unit_m: float = 1.0
+    conditions: Conditions = NONE
 
     def named(self, x_m: float, y_m: float, z_m: float) -> str:
         """A place in words, from the origin that its file has, in m."""

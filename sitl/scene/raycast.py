@@ -46,6 +46,17 @@ class RayCaster:
         ranges: NDArray[np.float32] = hits["t_hit"].numpy()
         return ranges
 
+    def triangles_hit(
+        self, origins: NDArray[np.floating], directions: NDArray[np.floating]
+    ) -> tuple[NDArray[np.uint32], NDArray[np.float64]]:
+        """What each ray, as for `cast`, meets first.
+
+        Returns:
+            (n,) which triangle, a number beyond all of them where none is met, and (n, 3) its normal of length 1.
+        """
+        hits = self._scene.cast_rays(self._rays(origins, directions), nthreads=self._threads)
+        return hits["primitive_ids"].numpy(), hits["primitive_normals"].numpy().astype(np.float64)
+
     def crossings(self, origins: NDArray[np.floating], directions: NDArray[np.floating]) -> NDArray[np.int32]:
         """How often each ray, as for `cast`, crosses the surface on its way to infinity: (n,)."""
         rays = self._rays(origins, directions)

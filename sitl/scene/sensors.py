@@ -14,6 +14,7 @@ from companion.config.sensors import SensorSettings
 from companion.config.sim import NoiseSettings
 from companion.geometry import rotation
 from companion.model import BEAM_AXES, DepthFrame, Observation, PlanarScan, Pose, RangeReading, wrap_rad
+from sitl.scene.live import LiveWorld
 from sitl.scene.raycast import RayCaster
 from sitl.scene.render import DepthRenderer
 
@@ -72,6 +73,7 @@ class SensorRig:
         caster: the mine for single rays.
         renderer: the mine for depth images.
         rng: for noise, dropouts and losses.
+        live: what there is in the mine besides rock; None: nothing.
     """
 
     def __init__(
@@ -81,12 +83,14 @@ class SensorRig:
         caster: RayCaster,
         renderer: DepthRenderer,
         rng: np.random.Generator,
+        live: LiveWorld | None = None,
     ) -> None:
         self._settings = settings
         self._noise = noise
         self._caster = caster
         self._renderer = renderer
         self._rng = rng
+        self._live = live
         self._camera = settings.camera.model()
         self._estimate = PoseEstimate(noise, rng)
         self._next_frame_s = 0.0
@@ -122,6 +126,8 @@ class SensorRig:
         if noise.enabled and self._rng.random() < noise.frame_loss_share:
             return
         depth = self._renderer.render(true)
+        if self._live is not None:
+            depth = self._live.image(true, depth, self._rng)
         if noise.enabled:
             spread = self._rng.standard_normal(depth.shape, np.float32)
             # Drawn with replacement: this many draws leave the configured share undrawn.
@@ -152,6 +158,8 @@ class SensorRig:
         directions = axes @ rotation(true.yaw_rad, true.pitch_rad, true.roll_rad).T
         origins = np.broadcast_to(np.array([true.x_m, true.y_m, true.z_m]), directions.shape)
         ranges = np.asarray(self._caster.cast(origins, directions), np.float64)
+        if self._live is not None:
+            ranges = self._live.ranges(true, origins, directions, ranges, self._rng)
         if noise.enabled:
             ranges = ranges + noise.range_noise_m * self._rng.standard_normal(ranges.size)
             ranges[self._rng.random(ranges.size) < noise.range_dropout_share] = np.nan

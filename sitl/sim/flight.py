@@ -14,6 +14,7 @@ from companion.mapping import VoxelMap
 from companion.model import Measurement, Pose
 from companion.pipeline import Explorer, Order
 from sitl.mines import World
+from sitl.scene.live import LiveWorld
 from sitl.scene.raycast import RayCaster
 from sitl.scene.render import DepthRenderer
 from sitl.scene.sensors import SensorRig
@@ -36,6 +37,7 @@ class Flight:
         settings: the whole configuration.
         start: the true pose at time 0.
         seed: draws everything that is random in this flight.
+        live: what happens in the mine, which may be shared by vehicles; made here where there is none.
         earlier: what earlier sorties have left to it; None: it begins anew.
 
     Raises:
@@ -50,11 +52,13 @@ class Flight:
         settings: Settings,
         start: Pose,
         seed: np.random.SeedSequence,
+        live: LiveWorld | None = None,
         earlier: Earlier | None = None,
     ) -> None:
         to_vehicle, to_sensors, to_navigator = seed.spawn(3)
         camera = settings.sensors.camera.model()
-        self.vehicle = Vehicle(settings.sim.dynamics, start, np.random.default_rng(to_vehicle))
+        self._live = LiveWorld(world, caster, camera) if live is None else live
+        self.vehicle = Vehicle(settings.sim.dynamics, start, np.random.default_rng(to_vehicle), self._live.wind_mps)
         self._explorer = Explorer(settings, np.random.default_rng(to_navigator))
         self.navigator = self._explorer.navigator
         self.order = Order.EXPLORE
@@ -86,8 +90,8 @@ class Flight:
             caster,
             DepthRenderer(world, camera),
             np.random.default_rng(to_sensors),
+            self._live,
         )
-        self._caster = caster
         self._body_radius_m = settings.vehicle.body_radius_m
         self._alone_m = settings.control.height_m
         self._free_until_path_m = 0.0
@@ -101,6 +105,7 @@ class Flight:
             fleet: whether other vehicles are about, so that (11) applies.
         """
         true = self.vehicle.pose
+        self._live.look(true)
         observation = self._rig.observe(true)
         if fleet:
             self.navigator.height_m = self.fleet.height_m(true.t_s, self._alone_m)
@@ -149,10 +154,11 @@ class Flight:
 
     def _check_contact(self) -> None:
         # A body that was D clear cannot touch before it has flown D: most ticks need no query.
-        if self.vehicle.path_m < self._free_until_path_m:
-            return
         pose = self.vehicle.pose
-        distance_m = float(self._caster.distance(np.array([[pose.x_m, pose.y_m, pose.z_m]]))[0])
+        if self.vehicle.path_m < self._free_until_path_m and not self._live.is_moving(pose.t_s):
+            return
+        place_m = np.array([[pose.x_m, pose.y_m, pose.z_m]])
+        distance_m = float(self._live.distance(np.array([pose.t_s]), place_m)[0])
         clear_m = distance_m - self._body_radius_m
         self.touched = self.touched or not math.isfinite(clear_m) or clear_m <= 0.0
         self._free_until_path_m = self.vehicle.path_m + max(clear_m, 0.0)

@@ -19,8 +19,9 @@ from companion.control.navigator import Status
 from companion.mapping import VoxelMap
 from companion.safety_case.passages import passages
 from sitl.mines import World
+from sitl.scene.live import LiveWorld
 from sitl.scene.raycast import RayCaster
-from sitl.scene.visibility import Say, Truth, accuracy_m, horizontal_clearance, precision, silent
+from sitl.scene.visibility import Say, Truth, accuracy_m, precision, silent
 from sitl.sim.coming_home import ComingHome
 from sitl.sim.earlier import Earlier
 from sitl.sim.flight import Flight
@@ -116,8 +117,9 @@ class Simulation:
             elevations_rad=settings.sensors.camera.elevations_rad(),
             say=say,
         )
+        self._live = LiveWorld(world, self.caster, settings.sensors.camera.model())
         self.flights = tuple(
-            Flight(number, world, self.caster, settings, start, flight_seed, earlier)
+            Flight(number, world, self.caster, settings, start, flight_seed, self._live, earlier)
             for number, (start, flight_seed) in enumerate(zip(starts, to_flights, strict=True), start=1)
         )
         self.t_s = 0.0
@@ -350,16 +352,17 @@ class Simulation:
             return math.inf
         pose = flight.vehicle.pose
         places_m = np.vstack([flight.log.positions_m, [pose.x_m, pose.y_m, pose.z_m]])
-        return float(self.caster.distance(places_m).min()) - self.settings.vehicle.body_radius_m
+        times_s = np.append(flight.log.column("t_s"), pose.t_s)
+        return float(self._live.distance(times_s, places_m).min()) - self.settings.vehicle.body_radius_m
 
     def _true_distances(self, flight: Flight, every: int) -> NDArray[np.float64]:
         """The true least horizontal distance from the centre of the vehicle, over the height of the body.
 
         Of one tick in so many.
         """
-        positions = flight.log.positions_m[::every]
+        positions, times_s = flight.log.positions_m[::every], flight.log.column("t_s")[::every]
         half_height_m = self.settings.vehicle.body_height_m / 2.0
-        distances = np.asarray(horizontal_clearance(self.caster, positions, half_height_m), np.float64)
+        distances = np.asarray(self._live.horizontal_clearance(times_s, positions, half_height_m), np.float64)
         flight.log.column("true_d_m")[::every] = distances
         return distances
 

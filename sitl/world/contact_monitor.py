@@ -16,7 +16,7 @@ from companion.config.settings import Settings
 from companion.errors import InputError
 from companion.mapping.files.whole import whole_file
 from companion.model import Pose
-from sitl.scene.visibility import horizontal_clearance
+from sitl.scene.live import LiveWorld
 from sitl.world.placement import Scene
 
 log = logging.getLogger(__name__)
@@ -61,9 +61,10 @@ class ContactMonitor:
     Args:
         scene: the mine and the place on its floor where the vehicle stands.
         settings: the body and the margin d_s.
+        live: what there is in the mine besides rock.
     """
 
-    def __init__(self, scene: Scene, settings: Settings) -> None:
+    def __init__(self, scene: Scene, settings: Settings, live: LiveWorld) -> None:
         self.contacts = 0
         self.first_contact_s: float | None = None
         self.least_d_m = math.inf
@@ -76,6 +77,7 @@ class ContactMonitor:
         self.last_s = 0.0
         self.highest_m = 0.0
         self._caster = scene.caster
+        self._live = live
         self._radius_m = settings.vehicle.body_radius_m
         self._half_height_m = settings.vehicle.body_height_m / 2.0
         self._margin_m = settings.control.margin_m
@@ -113,7 +115,7 @@ class ContactMonitor:
         self._follow_flight(pose, place)
         if not self._flying:
             return Look(pose, None, False)
-        d_m = float(horizontal_clearance(self._caster, place, self._half_height_m)[0])
+        d_m = float(self._live.horizontal_clearance(np.array([pose.t_s]), place, self._half_height_m)[0])
         self.flying_looks += 1
         self.looks_below_margin += d_m < self._margin_m
         self.least_d_m = min(self.least_d_m, d_m)
@@ -132,7 +134,7 @@ class ContactMonitor:
 
     def _touch(self, pose: Pose, place: np.ndarray) -> None:
         down_m = float(self._caster.cast(place, np.array([[0.0, 0.0, -1.0]]))[0])
-        clear_m = float(self._caster.distance(place)[0]) - self._radius_m
+        clear_m = float(self._live.distance(np.array([pose.t_s]), place)[0]) - self._radius_m
         self.least_clearance_m = min(self.least_clearance_m, clear_m)
         outside = not math.isfinite(down_m)
         if self._touching:

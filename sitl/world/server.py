@@ -20,6 +20,7 @@ from companion.config.settings import Settings
 from companion.flight.tasks import first_of
 from companion.model import Observation, Pose
 from companion.sensors.drivers.stream_server import StreamServer
+from sitl.scene.live import LiveWorld
 from sitl.scene.render import DepthRenderer
 from sitl.scene.sensors import SensorRig
 from sitl.world.connection import Connection, PeerUrl
@@ -85,18 +86,21 @@ class WorldServer:
     ) -> None:
         to_sensors, to_odometry = np.random.SeedSequence((seed, plan.system_id)).spawn(2)
         self.ended_because = ""
-        self.contacts = ContactMonitor(scene, settings)
+        camera = settings.sensors.camera.model()
+        live = LiveWorld(scene.world, scene.caster, camera)
+        self.contacts = ContactMonitor(scene, settings, live)
+        self._live = live
         self._scene, self._settings, self._seed, self._plan = scene, settings, seed, plan
         self._clock, self._say = clock, say
-        self._camera = settings.sensors.camera.model()
-        renderer = DepthRenderer(scene.world, self._camera)
+        self._camera = camera
+        renderer = DepthRenderer(scene.world, camera)
         rigs = [
-            SensorRig(settings.sensors, settings.sim.noise, scene.caster, renderer, np.random.default_rng(draws))
+            SensorRig(settings.sensors, settings.sim.noise, scene.caster, renderer, np.random.default_rng(draws), live)
             for draws in (to_sensors, to_sensors)
         ]
         # Compiles what is compiled at first use: that takes seconds, and later it would be the first frames.
         rigs[0].observe(scene.stand)
-        ContactMonitor(scene, settings).look(scene.stand)
+        ContactMonitor(scene, settings, live).look(scene.stand)
         self._rig = rigs[1]
         self._reader = TruthReader(plan.truth_from)
         self._placer = Placer(scene.stand)
@@ -237,6 +241,8 @@ class WorldServer:
         if restarts != self._restarts_seen:
             self._restarts_seen = restarts
             self.contacts.restart()
+            self._live.restart()
+        self._live.look(pose)
         return self._rig.observe(pose), self.contacts.look(pose)
 
     def _publish(self, observation: Observation, server: StreamServer) -> None:

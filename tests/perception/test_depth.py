@@ -261,6 +261,19 @@ class TestUnknown:
         assert (seen.state[inside] == UNKNOWN).all()
         assert (seen.state[beside] != UNKNOWN).all()
 
+    @pytest.mark.parametrize("x_m", [3.0, 4.5, 6.0])
+    def test_a_wall_that_gives_no_echo_stands_where_floor_and_roof_end(self, x_m: float) -> None:
+        """Protects from wet coal: nothing comes back from the wall, and a vehicle flew into it at full speed."""
+        image = frame([FLOOR, ROOF, wall_ahead(x_m)])
+        on_wall = np.isclose(image.depth_m, x_m - 0.1, atol=EXACT_M)
+        # All but a hand's breadth at its foot and at its top.
+        rows = np.abs(np.arange(CAMERA.height_px) - CAMERA.cy_px) * x_m / CAMERA.fy_px < 1.3
+        image.depth_m[on_wall & rows[:, None]] = np.nan
+        seen = look(image)
+        assert_on_walls(seen, IN_VIEW, distance_ahead(x_m))
+        assert seen.inferred[IN_VIEW].all()
+        assert not look(frame([FLOOR, ROOF, wall_ahead(x_m)])).inferred.any()
+
     def test_the_far_half_of_a_bearing_in_the_dark_is_not_clear(self) -> None:
         """Protects CLEAR from rays that are not level: those over and under the slab see far and prove nothing."""
         image = frame([FLOOR, ROOF])

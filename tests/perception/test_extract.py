@@ -127,6 +127,34 @@ class TestLookAhead:
         assert measured.missing == (Input.DEPTH,)
         assert measured.scan is None
 
+    def test_an_image_without_depth_is_no_look(self) -> None:
+        """Protects from flying on in the dark: frames come in time, and hold nothing but a few stray pixels."""
+        extract = extractor()
+        extract.measure(observed(AT_START, OPEN, DOWN))
+        now = later(AT_START, DEPTH_STALE_S + 0.01)
+        dark = observed(now, OPEN, DOWN)
+        assert dark.frame is not None
+        dark.frame.depth_m[:] = NAN
+        dark.frame.depth_m[::10, ::10] = 3.0
+        measured = extract.measure(dark)
+        assert measured.missing == (Input.DEPTH,)
+        assert measured.scan_age_s == pytest.approx(DEPTH_STALE_S + 0.01)
+        assert extract.measure(observed(now, OPEN, DOWN)).missing == ()
+
+    def test_a_wall_without_echo_is_remembered_when_its_foot_is_out_of_view(self) -> None:
+        """Protects from flying beside wet coal into it: from 1.5 m the camera sees no floor before it."""
+        extract = extractor()
+        for x_m in (0.0, 2.5):
+            pose = later(AT_START, 0.1 + x_m, x_m=x_m)
+            seen = observed(pose, [FLOOR, ROOF, wall_ahead(4.0)], DOWN)
+            assert seen.frame is not None
+            seen.frame.depth_m[np.isclose(seen.frame.depth_m, 3.9 - x_m, atol=EXACT_M)] = NAN
+            # Nearer, something else is in view: it is a look, and says nothing of what is ahead.
+            seen.frame.depth_m[:, :3] = 2.0
+            measured = extract.measure(seen)
+        # The last row of the floor that is seen lies up to 0.45 m before the wall.
+        assert measured.ahead_m == pytest.approx(1.5, abs=0.45)
+
     def test_an_image_from_the_future_does_not_count(self) -> None:
         """Protects against a camera's clock that runs ahead."""
         ahead = Observation(0.0, AT_START, image(OPEN, later(AT_START, 1.0)), readings(0.0, DOWN))

@@ -57,6 +57,29 @@ def test_a_step_that_it_comes_up_again_is_ground(fallen_m: float) -> None:
     assert not found.over_shaft
 
 
+def test_dust_in_the_beam_makes_no_shaft_of_the_floor() -> None:
+    """Protects from one short reading: taken for ground, the floor below was a fall from it, and the flight ended."""
+    extract = extractor()
+    extract.measure(observed(AT_START, OPEN, DOWN))
+    dusty = extract.measure(observed(later(AT_START, 0.1), OPEN, {Beam.DOWN: 0.35}))
+    assert dusty.h_m == pytest.approx(0.35), "it is kept off all the same"
+    for after_s in (0.2, 0.3):
+        found = extract.measure(observed(later(AT_START, after_s), OPEN, DOWN))
+        assert found.h_m == pytest.approx(DOWN[Beam.DOWN])
+        assert not found.over_shaft
+
+
+def test_a_rise_that_stays_is_ground() -> None:
+    """Protects what is flown over in earnest: behind a bench of 1.15 m the floor is a fall again."""
+    extract = extractor()
+    extract.measure(observed(AT_START, OPEN, DOWN))
+    for after_s in (0.1, 0.2, 0.3, 0.4):
+        bench = extract.measure(observed(later(AT_START, after_s), OPEN, {Beam.DOWN: 0.35}))
+        assert bench.h_m == pytest.approx(0.35)
+    behind = extract.measure(observed(later(AT_START, 0.5), OPEN, DOWN))
+    assert (behind.h_m, behind.over_shaft) == (None, True)
+
+
 def test_a_leap_of_the_position_is_no_step() -> None:
     """Protects the flight: the ground is as far below as it was, whatever the estimate says of the height."""
     extract = extractor()

@@ -13,6 +13,7 @@ import pytest
 from companion.config.settings import Settings
 from companion.errors import InputError
 from companion.model import Pose
+from sitl.scene.live import LiveWorld
 from sitl.scene.raycast import RayCaster
 from sitl.world.contact_monitor import ContactMonitor, Look, Trajectory, write_score
 from sitl.world.placement import Scene
@@ -29,11 +30,15 @@ def scene() -> Scene:
     return Scene(world, RayCaster(world), STAND)
 
 
+def live_in(scene: Scene) -> LiveWorld:
+    return LiveWorld(scene.world, scene.caster, SETTINGS.sensors.camera.model())
+
+
 class Trip:
     """A vehicle that is led about, watched at 50 Hz."""
 
     def __init__(self, scene: Scene) -> None:
-        self.watch = ContactMonitor(scene, SETTINGS)
+        self.watch = ContactMonitor(scene, SETTINGS, live_in(scene))
         self.pose = replace(scene.stand, t_s=10.0)
 
     def to(self, x_m: float, y_m: float, z_m: float, speed_mps: float = 0.5) -> list[Look]:
@@ -129,7 +134,7 @@ def test_a_landing_that_ends_below_the_floor_is_no_contact(scene: Scene) -> None
 
 def test_at_rest_no_way_is_counted(scene: Scene) -> None:
     """The truth's last digits flicker by millimetres: an hour of that is not a flight."""
-    watch = ContactMonitor(scene, SETTINGS)
+    watch = ContactMonitor(scene, SETTINGS, live_in(scene))
     for i in range(5000):
         watch.look(replace(STAND, t_s=10.0 + 0.02 * i, x_m=STAND.x_m + 0.005 * (i % 2)))
     assert watch.path_m == 0.0
@@ -148,7 +153,7 @@ def test_a_restart_is_not_flown(scene: Scene) -> None:
 
 def test_figures_of_a_vehicle_that_never_came(tmp_path: Path, scene: Scene) -> None:
     """No infinity and no NaN in the file: JSON has neither."""
-    write_score(tmp_path / "score.json", ContactMonitor(scene, SETTINGS).figures())
+    write_score(tmp_path / "score.json", ContactMonitor(scene, SETTINGS, live_in(scene)).figures())
     score = json.loads((tmp_path / "score.json").read_text())
     assert score["least_d_m"] is None
     assert (score["contacts"], score["path_length_m"], score["sim_time_s"]) == (0, 0.0, 0.0)
