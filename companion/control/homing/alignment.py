@@ -28,7 +28,7 @@ LEAST_POINTS, LEAST_SHARE = 30, 0.55
 REACH_M, REACH_RAD = 0.3, math.radians(4.0)
 """So far it may be off at each comparison, and by the drift of the way since walls last told the place."""
 
-TOLD_BY = 0.08
+TOLD_BY = 0.05
 """Walls tell a place when so much less of them agrees beside it; along a smooth drift they do not."""
 
 
@@ -93,9 +93,10 @@ class Alignment:
                 continue
             found = match(look_m, (here.x_m, here.y_m), known_m, reach_m, REACH_RAD)
             if found.share >= LEAST_SHARE:
-                if found.better_by >= TOLD_BY:
+                is_told = found.better_by >= TOLD_BY
+                if is_told:
                     self._since_m = 0.0
-                self._take(found, piece, here, measurement.h_m)
+                self._take(found if is_told else found.across(), piece, here, measurement.h_m)
                 return True
         return False
 

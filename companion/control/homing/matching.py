@@ -23,8 +23,8 @@ FAR_SHARE, PER_RAD = 0.1, 0.1
 """What a look must agree better by to be moved as far as it may be off, and for each radian: along a smooth drift
 nothing says how far, and then it stays."""
 
-ROUND_M, ROUND = 0.4, 8
-"""A place is told by its walls when they agree less so far to any side of it."""
+ROUND_M, ROUND = 0.4, 24
+"""A place is told by its walls when they agree less so far to any side of it, of so many."""
 
 Points = NDArray[np.float64]
 
@@ -37,6 +37,7 @@ class Match(NamedTuple):
         turn_rad: by how much it is to be turned, about where it was made.
         share: of its walls that lie on walls then, from 0 to 1.
         better_by: as much less of them does `ROUND_M` beside, to whichever side: 0 along a smooth drift.
+        beside_rad: the side to which it agrees best: along that drift.
     """
 
     x_m: float
@@ -44,6 +45,13 @@ class Match(NamedTuple):
     turn_rad: float
     share: float
     better_by: float
+    beside_rad: float
+
+    def across(self) -> Match:
+        """The same without what it is moved along the drift, of which its walls say nothing."""
+        along_x, along_y = math.cos(self.beside_rad), math.sin(self.beside_rad)
+        along_m = self.x_m * along_x + self.y_m * along_y
+        return self._replace(x_m=self.x_m - along_m * along_x, y_m=self.y_m - along_m * along_y)
 
 
 def match(look_m: Points, at_m: tuple[float, float], known_m: Points, reach_m: float, reach_rad: float) -> Match:
@@ -66,8 +74,8 @@ def match(look_m: Points, at_m: tuple[float, float], known_m: Points, reach_m: f
     x_m, y_m, turn_rad, share = _best(
         likeness, about, centre, rough[:3], (COARSE_M, FINE_M), (COARSE_RAD, FINE_RAD), per_m
     )
-    beside = _beside(likeness, about, centre, (x_m, y_m, turn_rad))
-    return Match(float(x_m), float(y_m), float(turn_rad), float(share), float(share - beside))
+    beside, beside_rad = _beside(likeness, about, centre, (x_m, y_m, turn_rad))
+    return Match(*(float(value) for value in (x_m, y_m, turn_rad, share, share - beside, beside_rad)))
 
 
 @compiled
@@ -98,17 +106,19 @@ def _share(likeness: NDArray[np.uint8], x: NDArray[np.float64], y: NDArray[np.fl
 @compiled
 def _beside(
     likeness: NDArray[np.uint8], about_m: Points, centre_m: NDArray[np.float64], at: tuple[float, float, float]
-) -> float:
-    """The best share `ROUND_M` beside a place, of `ROUND` sides."""
+) -> tuple[float, float]:
+    """The best share `ROUND_M` beside a place, of `ROUND` sides, and to which side."""
     cos, sin = np.cos(at[2]), np.sin(at[2])
     x = (centre_m[0] + at[0] + cos * about_m[:, 0] - sin * about_m[:, 1]) / CELL_M
     y = (centre_m[1] + at[1] + sin * about_m[:, 0] + cos * about_m[:, 1]) / CELL_M
-    best = 0.0
+    best, side_rad = -1.0, 0.0
     for k in range(ROUND):
         angle_rad = 2.0 * np.pi * k / ROUND
         beside = ROUND_M / CELL_M
-        best = max(best, _share(likeness, x + beside * np.cos(angle_rad), y + beside * np.sin(angle_rad)))
-    return best
+        share = _share(likeness, x + beside * np.cos(angle_rad), y + beside * np.sin(angle_rad))
+        if share > best:
+            best, side_rad = share, angle_rad
+    return best, side_rad
 
 
 @compiled
