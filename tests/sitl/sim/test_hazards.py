@@ -14,7 +14,8 @@ from companion.config.load import load_settings
 from companion.config.vary import vary
 from companion.model import Input, Pose
 from sitl.campaign.flight import figures
-from sitl.mines import load_world
+from sitl.mines import World, load_world
+from sitl.mines.conditions import Conditions, Trigger
 from sitl.mines.hazards import HAZARDS
 from sitl.scene.raycast import RayCaster
 from sitl.sim.flight import Flight
@@ -38,7 +39,6 @@ TOWARDS = {
     "door": replace(BEFORE, x_m=12.5, yaw_rad=np.pi),
     "door-on-loop": replace(BEFORE, x_m=12.5, yaw_rad=np.pi),
     "open-end": replace(BEFORE, x_m=20.0),
-    "no-light": replace(BEFORE, x_m=8.3),
     "wind": replace(BEFORE, x_m=20.0, y_m=4.5, yaw_rad=-np.pi / 2.0),
 }
 """Where that is elsewhere; what closes behind is flown back to."""
@@ -46,12 +46,12 @@ TOWARDS = {
 SHORT_S, SHORT_M = 20.0, 2.5
 
 
-def flown(name: str, for_s: float = SHORT_S, way_m: float = SHORT_M) -> Flight:
-    """Fly for so long or so far, whichever ends first."""
-    world = load_world(f"hazard:{name}", 1)
+def flown(name: str, way_m: float = SHORT_M, world: World | None = None) -> Flight:
+    """Fly for `SHORT_S` or so far, whichever ends first, in the hazard's world or in that one."""
+    world = load_world(f"hazard:{name}", 1) if world is None else world
     start = TOWARDS.get(name, BEFORE)
     flight = Flight(1, world, RayCaster(world), FLIGHT, start, np.random.SeedSequence(1))
-    while flight.vehicle.pose.t_s < for_s and flight.vehicle.path_m < way_m and not flight.touched:
+    while flight.vehicle.pose.t_s < SHORT_S and flight.vehicle.path_m < way_m and not flight.touched:
         flight.tick(FLIGHT.control.period_s, fleet=False)
     return flight
 
@@ -83,12 +83,15 @@ def test_water_below_changes_the_height_by_no_more_than_a_hand() -> None:
 
 def test_without_light_it_stops_and_says_what_is_missing() -> None:
     """Protects from flying on by six beams and memory."""
-    flight = flown("no-light", way_m=np.inf)
+    world = load_world("hazard:no-light", 1)
+    # With this seed it turns back after its look round.
+    behind = Conditions(light_fails=Trigger(BEFORE.x_m - 3.0, 0.0, 2.5))
+    flight = flown("no-light", np.inf, replace(world, conditions=behind))
     assert not flight.touched
     assert flight.measurement is not None
     assert flight.measurement.missing == (Input.DEPTH,)
-    # After a look round it comes to where the light fails, and what it saw is fresh for another second.
-    assert np.abs(flight.log.column("speed_mps")[-40:]).max() < 0.15
+    assert flight.vehicle.path_m > 0.5, "it flew until then"
+    assert np.abs(flight.log.column("speed_mps")[-10:]).max() < 0.15
 
 
 @pytest.mark.long
