@@ -156,6 +156,7 @@ def test_the_warm_up_leaves_nothing_of_the_tick_to_compile() -> None:
         "companion.control.ground_grid step_to",
         "companion.control.informed _cost",
         "companion.control.informed _may_go",
+        "companion.perception.depth _farthest",
         "companion.perception.ground _go_on_as_beside",
         "companion.perception.ground _line_was_seen",
         "companion.perception.scan_memory _cell",
