@@ -26,8 +26,8 @@ from tests.integration.rig import process
 from tests.integration.whole import end_family
 from validation.real.station import Station
 
-AROUND_S = 240.0
-"""Boot, checks, take-off, landing and the writing of the map, besides the time of the exploring."""
+AROUND_S, HOMING_S = 240.0, 300.0
+"""Boot, checks, take-off, landing and the writing of the map, and the way home, besides the time of the exploring."""
 DISARM_S = 15.0
 LAST_WORDS = 1500
 
@@ -85,7 +85,9 @@ class Flown:
         contacts: with a wall, in truth.
         least_m: least true distance to a wall, from the middle.
         path_m: flown in truth.
-        landed_off_m: true horizontal distance from where the exploring ended, and LAND was ordered, to where it lies.
+        landed_off_m: true horizontal distance from where LAND was ordered, to where it lies: where the exploring ended,
+            or its way home.
+        off_start_m: true horizontal distance from where it started, when it came home.
         disarmed: in the end.
         setpoint_p99_s, setpoint_longest_s: time from one setpoint of the application to the next.
         replay_compared, replay_differing: setpoints of the recording flown again.
@@ -102,6 +104,7 @@ class Flown:
     least_m: float | None = None
     path_m: float | None = None
     landed_off_m: float | None = None
+    off_start_m: float | None = None
     disarmed: bool | None = None
     setpoint_p99_s: float | None = None
     setpoint_longest_s: float | None = None
@@ -149,7 +152,7 @@ def _underway(plan: FlightPlan, ways: Ways, found: dict[str, Any]) -> None:
     options = ["--fix", *(word for name in ways.skip for word in ("--skip", name))]
     with Crew(plan) as crew, Station(crew.ports.ground) as station, process(log, crew.application(*options)) as gate:
         try:
-            found["exit_code"] = gate.wait(plan.time_limit_s + AROUND_S)
+            found["exit_code"] = gate.wait(plan.time_limit_s + AROUND_S + HOMING_S)
             _wait_for_disarmed(station)
             crew.check()
         except subprocess.TimeoutExpired:
@@ -179,10 +182,13 @@ def _come_of(folder: Path) -> dict[str, Any]:
     recording = next(folder.glob("*/flight.mcap"), None)
     if recording is None:
         return found
-    summary = recording.with_name("summary.json")
+    summary, home_s = recording.with_name("summary.json"), 0.0
     if summary.exists():
         said = json.loads(summary.read_text(encoding="utf-8"))
         found |= {"ended_because": said["ended_because"], "complete": said["ended_because"] == "complete"}
+        if said["end"] is not None:
+            home_s = said["end"]["homing_s"] or 0.0
+            found["off_start_m"] = landed_off_m(folder / "truth.csv", 0.0)
     interval = figures(recording).setpoint_interval_s
     if interval is not None:
         found |= {"setpoint_p99_s": round(interval.p99, 4), "setpoint_longest_s": round(interval.largest, 4)}
@@ -190,7 +196,7 @@ def _come_of(folder: Path) -> dict[str, Any]:
     found |= {"replay_compared": again.compared, "replay_differing": again.differing}
     ended_s = _ended_s(recording)
     if ended_s is not None:
-        found["landed_off_m"] = landed_off_m(folder / "truth.csv", ended_s)
+        found["landed_off_m"] = landed_off_m(folder / "truth.csv", ended_s + home_s)
     return found
 
 

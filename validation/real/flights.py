@@ -27,14 +27,14 @@ from validation.fault_matrix.results import write_whole
 from validation.real.flight import Flown, Task, Ways, fly
 from validation.real.program import common, prepare, say, ways
 
-LANDED_WITHIN_M = 0.3
+LANDED_WITHIN_M, HOME_WITHIN_M = 0.3, 0.5
 WITHOUT_GPS, WITH_GPS = 3, 1
 """Flights in each of the small worlds."""
 SMALL_WORLDS, LARGE_WORLD = ("room", "slope"), "complex"
 SMALL_S, LARGE_S = 600.0, 900.0
 HEAD = (
     *("autopilot", "gps", "world", "seed", "exit", "complete", "contacts", "least d, m", "landed off, m"),
-    *("setpoints p99/longest, ms", "replay", "flown, m", "duration, s"),
+    *("off the start, m", "setpoints p99/longest, ms", "replay", "flown, m", "duration, s"),
 )
 
 
@@ -72,6 +72,8 @@ def problems(flown: Flown) -> list[str]:
         out.append(f"{flown.contacts} contacts")
     if flown.landed_off_m is None or flown.landed_off_m > LANDED_WITHIN_M:
         out.append("landed " + ("nowhere" if flown.landed_off_m is None else f"{flown.landed_off_m:.2f} m off"))
+    if flown.off_start_m is not None and flown.off_start_m > HOME_WITHIN_M:
+        out.append(f"{flown.off_start_m:.2f} m from where it started")
     if not flown.disarmed:
         out.append("still armed")
     if flown.replay_differing != 0:
@@ -98,7 +100,7 @@ def _row(flown: Flown) -> tuple[str, ...]:
         *(task.personality, "yes" if task.gps else "no", task.world, str(task.seed)),
         *(_text(flown.exit_code, 0), "-" if flown.complete is None else "yes" if flown.complete else "no"),
         *(_text(flown.contacts, 0), _text(flown.least_m, 2), _text(flown.landed_off_m, 2)),
-        *(gaps, replayed, _text(flown.path_m, 0), f"{flown.lasted_s:.0f}"),
+        *(_text(flown.off_start_m, 2), gaps, replayed, _text(flown.path_m, 0), f"{flown.lasted_s:.0f}"),
     )
 
 

@@ -39,6 +39,7 @@ def test_the_campaign_is_whole() -> None:
         ({"contacts": 2}, "2 contacts"),
         ({"landed_off_m": 0.31}, "landed 0.31 m off"),
         ({"landed_off_m": None}, "landed nowhere"),
+        ({"off_start_m": 0.62}, "0.62 m from where it started"),
         ({"disarmed": False}, "still armed"),
         ({"replay_differing": 3}, "replay: 3 setpoints differ"),
         ({"problem": "the world ended"}, "the world ended"),
