@@ -87,13 +87,13 @@ class Flown:
         path_m: flown in truth.
         landed_off_m: true horizontal distance from where LAND was ordered, to where it lies: where the exploring ended,
             or its way home.
-        off_start_m: true horizontal distance from where it started, when it came home.
         disarmed: in the end.
         setpoint_p99_s, setpoint_longest_s: time from one setpoint of the application to the next.
         replay_compared, replay_differing: setpoints of the recording flown again.
         lasted_s: from the start of the autopilot on.
         texts: what the autopilot said to a ground station.
         problem: why there was no flight, or what else failed.
+        off_start_m: true horizontal distance from where it started, when it came home.
     """
 
     task: Task
@@ -104,7 +104,6 @@ class Flown:
     least_m: float | None = None
     path_m: float | None = None
     landed_off_m: float | None = None
-    off_start_m: float | None = None
     disarmed: bool | None = None
     setpoint_p99_s: float | None = None
     setpoint_longest_s: float | None = None
@@ -113,6 +112,7 @@ class Flown:
     lasted_s: float = 0.0
     texts: tuple[str, ...] = ()
     problem: str | None = None
+    off_start_m: float | None = None
 
 
 def fly(real: RealAutopilot, task: Task, folder: Path, ways: Ways) -> Flown:
