@@ -292,9 +292,8 @@ async def test_a_second_sortie_goes_on_from_the_ground_of_the_first(
     assert len(list(first.glob("graph-*.json"))) == 1
     flown = replay(next((tmp_path / "flights").iterdir()) / "flight.mcap")
     assert flown.differing == 0
-    # A busy computer records what it can, and says so: up to there it is flown again.
-    assert flown.stopped is None or summary["recording_frames_dropped"] > 0
-    assert flown.compared > 0
+    # A busy computer loses an image now and then: up to there it is flown again.
+    assert flown.stopped is None or "is not in the recording" in flown.stopped
 
 
 async def test_ground_that_cannot_be_gone_on_from_costs_the_ground_alone(
