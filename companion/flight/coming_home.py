@@ -18,9 +18,6 @@ from companion.model import Measurement
 TELL_PERIOD_S = 30.0
 """The pilot is told this often how far home is and what will be left there."""
 
-LONGER, LONGER_S = 3.0, 120.0
-"""So many times what is reckoned for the way, and so much more, it may take; then it lands."""
-
 SHORT_FOR_S = 10.0
 """A battery that will not last until home is told after this long: its percents come whole, and jump."""
 
@@ -110,7 +107,7 @@ class ComingHome:
         """
         clock, outlook = self._session.clock, self._prospect.in_words()
         began_s = clock.now_s()
-        limit_s = self._prospect.longest_way_s(began_s, LONGER, LONGER_S)
+        limit_s = self._prospect.longest_way_s(began_s)
         self._session.flight.update(PhaseEvent.TURNED_BACK)
         instead = "Ctrl-C once more" if self._operator.interrupted else "Ctrl-C twice"
         self._events.emit(Event.HOMING, why=because.value, brief=because.in_brief, outlook=outlook, instead=instead)

@@ -6,7 +6,7 @@ import math
 
 from companion.autopilot.vehicle_state import VehicleState
 from companion.config.settings import Settings
-from companion.control.homing.homing import WayHome
+from companion.control.homing.homing import WayHome, longest_s
 from companion.control.homing.reserve import Charge, Reserve
 
 PERIOD_S = 1.0
@@ -63,13 +63,11 @@ class Prospect:
         """Whether less than the reserve would be left if it turned back any later."""
         return self._reserve.is_due
 
-    def longest_way_s(self, now_s: float, factor: float, more_s: float) -> float:
-        """So long the way home may take: what is reckoned for it, by a factor, and some more.
-
-        Where no way is known it is the time that was flown.
-        """
-        flown_s = 0.0 if self._began_s is None else now_s - self._began_s
-        return factor * (flown_s if self.way is None else self.way.time_s) + more_s
+    def longest_way_s(self, now_s: float) -> float:
+        """So long the way home may take; where none is known the time that was flown is what is reckoned for it."""
+        if self.way is not None:
+            return self.way.longest_s
+        return longest_s(0.0 if self._began_s is None else now_s - self._began_s)
 
     def in_words(self) -> str:
         """For the pilot: how far, and what will be left, as far as it is known."""

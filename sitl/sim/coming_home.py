@@ -15,9 +15,6 @@ from sitl.sim.flight import Flight
 ARRIVED_M = 0.5
 """A vehicle has come home when it truly stands so near to where it started."""
 
-LIMIT_FACTOR, LIMIT_S = 3.0, 120.0
-"""A way home that takes so many times what was reckoned, and so much longer, has failed."""
-
 
 @dataclass(frozen=True, slots=True)
 class Turned:
@@ -25,7 +22,6 @@ class Turned:
 
     began_s: float
     path_m: float
-    ticks: int
     way: WayHome | None
     promised_percent: float | None
 
@@ -57,7 +53,6 @@ class ComingHome:
         self._began = Turned(
             began_s=t_s,
             path_m=path_m,
-            ticks=len(flight.log),
             way=flight.way_home(anew=True),
             promised_percent=flight.reserve.left_percent,
         )
@@ -121,14 +116,9 @@ class ComingHome:
             "came_percent": round(came.left_percent, 1) if has_battery else None,
         }
 
-    @property
-    def first_tick(self) -> int:
-        """Of the way home, in the log."""
-        return self._began.ticks
-
     def _limit_s(self) -> float:
         way, limit_s = self._began.way, self._settings.mission.time_limit_s
-        return limit_s if way is None else min(limit_s, LIMIT_FACTOR * way.time_s + LIMIT_S)
+        return limit_s if way is None else min(limit_s, way.longest_s)
 
 
 def _is_critical(flight: Flight, settings: Settings) -> bool:

@@ -9,8 +9,8 @@ import pytest
 
 from companion.config.settings import Settings
 from companion.control import completion
-from companion.control.homing.homing import WayHome
-from companion.flight.coming_home import LONGER_S, TELL_PERIOD_S
+from companion.control.homing.homing import LONGER_S, WayHome
+from companion.flight.coming_home import TELL_PERIOD_S
 from companion.flight.events import Event
 from companion.flight.operator_commands import Wish
 from companion.flight.phase import FlightPhase

@@ -12,7 +12,7 @@ from sitl.autopilot.mavlink import dialect as m
 from tests.integration.rig import PERSONALITIES
 from tests.integration.whole import Flown, flown
 from tests.integration.witness import speed_mps
-from validation.homing.flight import off_start_m
+from validation.landed import off_start_m
 
 WITHIN_M = 0.5
 STILL_MPS = 0.1

@@ -17,7 +17,7 @@ from tests.integration.relay import LOOPBACK
 from tests.integration.rig import PERSONALITIES, PILOTS_MODE, Stub, process, take_over
 from tests.integration.whole import family, flown
 from tests.integration.witness import Witness, apart_m, speed_mps
-from validation.homing.flight import off_start_m
+from validation.landed import off_start_m
 
 HOME_WITHIN_M = 0.5
 CRITICAL_M = Settings().control.critical_margin_m

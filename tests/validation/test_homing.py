@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from validation.homing.__main__ import main, problems, table
-from validation.homing.flight import Flown, Task, off_start_m
+from validation.homing.flight import Flown, Task
+from validation.landed import off_start_m
 
 TASK = Task("px4", True, "random:3", 1, 30.0, 10.0)
 END = {

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import json
-import math
 import subprocess
 import time
 from dataclasses import dataclass
@@ -14,13 +12,12 @@ from typing import Any
 from companion.errors import CompanionError
 from companion.recording.replay import replay
 from sitl.launch.processes import Crew, FlightPlan
-from sitl.launch.program import CrewError
 from tests.integration.rig import process
 from tests.integration.whole import end_family
+from validation.landed import not_in_time, off_start_m
 
 AROUND_S = 300.0
 """Boot, checks, take-off, the way home, landing and the writing of the map, besides the time of the exploring."""
-LAST_WORDS = 1500
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,22 +99,6 @@ def fly(task: Task, folder: Path) -> Flown:
     return Flown(task, **found, lasted_s=round(time.monotonic() - began_s, 1))
 
 
-def off_start_m(truth: Path) -> float:
-    """True horizontal distance from the first to the last place of a flight.
-
-    Args:
-        truth: the trajectory that the world writes.
-
-    Raises:
-        ValueError: it has no rows.
-    """
-    with truth.open(encoding="utf-8", newline="") as file:
-        rows = [(float(row["x_m"]), float(row["y_m"])) for row in csv.DictReader(file)]
-    if not rows:
-        raise ValueError(f"{truth} is empty")
-    return math.dist(rows[0], rows[-1])
-
-
 def _underway(plan: FlightPlan) -> None:
     log = plan.folder / "application.log"
     with Crew(plan) as crew, process(log, crew.application("--fix")) as gate:
@@ -125,8 +106,7 @@ def _underway(plan: FlightPlan) -> None:
             gate.wait(plan.time_limit_s + AROUND_S)
             crew.check()
         except subprocess.TimeoutExpired:
-            words = log.read_text(encoding="utf-8", errors="replace")[-LAST_WORDS:]
-            raise CrewError(f"the flight did not end in time: {words}") from None
+            raise not_in_time(log) from None
         finally:
             end_family(gate.pid)
 

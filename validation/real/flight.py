@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-import itertools
 import json
-import math
 import subprocess
 import time
 from collections.abc import Sequence
@@ -20,16 +17,15 @@ from companion.recording.flight_stats import figures
 from companion.recording.read import log_line
 from companion.recording.replay import replay
 from sitl.launch.processes import Crew, FlightPlan
-from sitl.launch.program import CrewError
 from sitl.launch.real import RealAutopilot
 from tests.integration.rig import process
 from tests.integration.whole import end_family
+from validation.landed import landed_off_m, last_words, not_in_time, off_start_m
 from validation.real.station import Station
 
 AROUND_S, HOMING_S = 240.0, 300.0
 """Boot, checks, take-off, landing and the writing of the map, and the way home, besides the time of the exploring."""
 DISARM_S = 15.0
-LAST_WORDS = 1500
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,13 +152,13 @@ def _underway(plan: FlightPlan, ways: Ways, found: dict[str, Any]) -> None:
             _wait_for_disarmed(station)
             crew.check()
         except subprocess.TimeoutExpired:
-            raise CrewError(f"the flight did not end in time: {_last_words(log)}") from None
+            raise not_in_time(log) from None
         finally:
             end_family(gate.pid)
             found["disarmed"] = station.ever_armed and not station.armed
             found["texts"] = tuple(station.texts)
     if not station.ever_armed:
-        found["problem"] = f"it was never armed: {_last_words(log)}"
+        found["problem"] = f"it was never armed: {last_words(log)}"
 
 
 def _wait_for_disarmed(station: Station) -> None:
@@ -188,7 +184,7 @@ def _come_of(folder: Path) -> dict[str, Any]:
         found |= {"ended_because": said["ended_because"], "complete": said["ended_because"] == "complete"}
         if said["end"] is not None:
             home_s = said["end"]["homing_s"] or 0.0
-            found["off_start_m"] = landed_off_m(folder / "truth.csv", 0.0)
+            found["off_start_m"] = round(off_start_m(folder / "truth.csv"), 3)
     interval = figures(recording).setpoint_interval_s
     if interval is not None:
         found |= {"setpoint_p99_s": round(interval.p99, 4), "setpoint_longest_s": round(interval.largest, 4)}
@@ -207,17 +203,3 @@ def _ended_s(file: Path) -> float | None:
         if entry.topic == Topic.LOG and log_line(entry).name == ENDED:
             return (entry.t_ns - recording.wall_ns) / 1e9 + recording.start_s
     return None
-
-
-def landed_off_m(truth: Path, ordered_s: float) -> float | None:
-    """The true horizontal way from where it was then to where it is in the end; None: the truth has no such time."""
-    with truth.open(newline="", encoding="ascii") as rows:
-        places = [(float(row["t_s"]), float(row["x_m"]), float(row["y_m"])) for row in csv.DictReader(rows)]
-    then = next(itertools.dropwhile(lambda place: place[0] < ordered_s, places), None)
-    if then is None:
-        return None
-    return round(math.hypot(places[-1][1] - then[1], places[-1][2] - then[2]), 3)
-
-
-def _last_words(log: Path) -> str:
-    return log.read_text(encoding="utf-8", errors="replace")[-LAST_WORDS:]

@@ -27,8 +27,16 @@ flight began nearer to a wall than the law flies: it lands at the nearest place 
 
 LOOK_PERIOD_S = 1.0
 CREEP_MPS = 0.1
+LONGER, LONGER_S = 3.0, 120.0
+"""So many times what is reckoned for the way home, and so much more, it may take; then it lands where it is."""
+
 ROUTE_PERIOD_S = 10.0
 """Time between two searches for the length of the way home; in between it grows by what is flown."""
+
+
+def longest_s(time_s: float) -> float:
+    """How long a way may take for which so much was reckoned."""
+    return LONGER * time_s + LONGER_S
 
 
 class WayHome(NamedTuple):
@@ -36,6 +44,11 @@ class WayHome(NamedTuple):
 
     length_m: float
     time_s: float
+
+    @property
+    def longest_s(self) -> float:
+        """So long it may take; then it has failed."""
+        return longest_s(self.time_s)
 
 
 class Homing:

@@ -95,10 +95,6 @@ class Keyframes:
         here = Place.under(pose, measurement.h_m)
         return Keyframe(here, self.way_m, walls_m(measurement, pose), lands and not measurement.over_shaft)
 
-    def first(self) -> Keyframe | None:
-        """The oldest look."""
-        return self._frames[0] if self._frames else None
-
     def near(self, place: Place, within_m: float) -> list[Keyframe]:
         """The looks made within so much of a place, on its level, oldest first."""
         if len(self._places_m) != len(self._frames):

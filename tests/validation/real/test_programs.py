@@ -10,8 +10,9 @@ import pytest
 from validation.fault_matrix import results
 from validation.fault_matrix.injection import Final
 from validation.fault_matrix.outcome import Outcome
+from validation.landed import landed_off_m
 from validation.real import faults, flights
-from validation.real.flight import Flown, Task, landed_off_m
+from validation.real.flight import Flown, Task
 from validation.real.program import OWN_NETWORK
 from validation.real.real_faults import BY_NAME, CELLS, FAULTS, MODES
 
