@@ -14,47 +14,58 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 
 
-class Outlet(io.RawIOBase):
-    """Writes to a file descriptor until that fails; what is written afterwards is lost.
+class LossyText(io.TextIOWrapper):
+    """Writes to where another text stream writes until that fails; what is written afterwards is lost.
+
+    Failures are caught here, above the buffer, and not below it: an interruption (Ctrl-C) that comes in Python code
+    between the system's write and the buffer's account of it would let the buffer write the same once more.
 
     Args:
-        fd: where to; it stays open.
+        like: the other stream; it stays open.
         on_problem: is called once, with the error, when nothing can be written any more.
 
     Attributes:
         problem: the error; None while all is well.
     """
 
-    def __init__(self, fd: int, on_problem: Callable[[OSError], object]) -> None:
-        super().__init__()
+    def __init__(self, like: io.TextIOWrapper, on_problem: Callable[[OSError], object]) -> None:
+        # A descriptor of its own: it can be led elsewhere when the other one fails. It stays open until the process
+        # ends, for whoever keeps this stream, such as a handler of logs.
+        super().__init__(
+            io.BufferedWriter(io.FileIO(os.dup(like.fileno()), "wb", closefd=False)),
+            encoding=like.encoding,
+            errors=like.errors,
+            line_buffering=like.line_buffering,
+            write_through=like.write_through,
+        )
         self.problem: OSError | None = None
-        self._fd = fd
         self._on_problem = on_problem
 
-    def writable(self) -> bool:
-        """It is."""
-        return True
+    def write(self, text: str) -> int:
+        """Write some text, or lose it."""
+        try:
+            return super().write(text)
+        except OSError as error:
+            self._lose(error)
+            return len(text)
 
-    def fileno(self) -> int:
-        """The descriptor."""
-        return self._fd
+    def flush(self) -> None:
+        """Write what waits, or lose it."""
+        try:
+            super().flush()
+        except OSError as error:
+            self._lose(error)
 
-    def isatty(self) -> bool:
-        """Whether it is a terminal."""
-        return os.isatty(self._fd)
-
-    def write(self, data: object) -> int | None:
-        """Write some of ``data``, or lose all of it; None: a descriptor that does not wait is full."""
-        view = memoryview(data)  # type: ignore[arg-type]
-        if self.problem is None:
-            try:
-                return os.write(self._fd, view)
-            except BlockingIOError:
-                return None
-            except OSError as error:
-                self.problem = error
-                self._on_problem(error)
-        return view.nbytes
+    def _lose(self, error: OSError) -> None:
+        # A descriptor that does not wait is full: whoever writes is told, and may try again.
+        if isinstance(error, BlockingIOError):
+            raise error
+        # Led to nowhere, where also what waits in the buffer goes: it would fail again with every line, and at the end.
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self.fileno(), inheritable=False)
+        os.close(nowhere)
+        self.problem = error
+        self._on_problem(error)
 
 
 @contextmanager
@@ -67,10 +78,10 @@ def lossy_output() -> Iterator[Callable[[], OSError | None]]:
     Yields:
         Why standard output was lost, if it was and somebody may miss it.
     """
-    outlets: list[Outlet] = []
+    lossy: dict[str, LossyText] = {}
 
     def lost() -> OSError | None:
-        problem = next((outlet.problem for outlet in outlets if outlet.fileno() == 1), None)
+        problem = lossy["stdout"].problem if "stdout" in lossy else None
         return None if problem is None or problem.errno == errno.EPIPE else problem
 
     with ExitStack() as stack:
@@ -78,9 +89,9 @@ def lossy_output() -> Iterator[Callable[[], OSError | None]]:
             stream = getattr(sys, name)
             # Anything else has been put there by somebody who reads it, such as a test.
             if type(stream) is io.TextIOWrapper and isinstance(stream.buffer, io.BufferedWriter | io.FileIO):
-                outlets.append(Outlet(stream.fileno(), tell))
+                lossy[name] = LossyText(stream, tell)
                 stack.callback(setattr, sys, name, stream)
-                setattr(sys, name, _text(outlets[-1], stream))
+                setattr(sys, name, lossy[name])
         try:
             yield lost
         finally:
@@ -88,16 +99,6 @@ def lossy_output() -> Iterator[Callable[[], OSError | None]]:
                 # None: it was closed when the program was started.
                 if (stream := getattr(sys, name)) is not None:
                     stream.flush()
-
-
-def _text(outlet: Outlet, like: io.TextIOWrapper) -> io.TextIOWrapper:
-    return io.TextIOWrapper(
-        io.BufferedWriter(outlet),
-        encoding=like.encoding,
-        errors=like.errors,
-        line_buffering=like.line_buffering,
-        write_through=like.write_through,
-    )
 
 
 def _tell(error: OSError) -> None:

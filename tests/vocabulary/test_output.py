@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 
@@ -54,6 +55,41 @@ def test_output_that_was_closed_at_the_start() -> None:
     """Protects a service that is started without any."""
     ended = subprocess.run(f"exec {sys.executable} -c '{WORKS}' >&-", shell=True, stderr=subprocess.PIPE, check=True)  # noqa: S602
     assert ended.stderr == b"the work was done: None\n"
+
+
+INTERRUPTED = """
+import signal
+from companion.output import lossy_output
+def interrupt(number, frame):
+    raise KeyboardInterrupt
+signal.signal(signal.SIGALRM, interrupt)
+with lossy_output():
+    line = 0
+    while line < 300:
+        try:
+            signal.setitimer(signal.ITIMER_REAL, 3e-4)
+            while True:
+                line += 1
+                print("line", line, flush=True)
+        except KeyboardInterrupt:
+            pass
+    signal.setitimer(signal.ITIMER_REAL, 0)
+"""
+
+
+@pytest.mark.parametrize("variables", [{}, {"PYTHONUNBUFFERED": "1"}])
+def test_nothing_is_written_twice_when_it_is_interrupted(variables: dict[str, str]) -> None:
+    """Protects what is printed from Ctrl-C in the very moment of printing."""
+    ended = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED],
+        capture_output=True,
+        text=True,
+        env={**os.environ, **variables},
+        check=True,
+    )
+    lines = re.findall(r"line \d+", ended.stdout)
+    assert len(lines) > 200
+    assert len(lines) == len(set(lines))
 
 
 def test_what_is_written_arrives() -> None:

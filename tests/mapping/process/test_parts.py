@@ -85,7 +85,7 @@ def test_every_offer_is_counted_once() -> None:
 # How the process of the map is started.
 
 
-STAGE_S, STAGES = 1.5, 4
+STAGE_S, STAGES = 2.0, 5
 
 
 def slow_to_start(pipe: Connection[FromMap, ToMap]) -> None:
