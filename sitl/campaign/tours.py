@@ -1,7 +1,7 @@
 """The good inspection tours that the missions of a campaign are compared with: one for each world, camera and speed.
 
-The speed is that which the simulated vehicle reaches when v_c is commanded: one that the vehicle cannot fly at, whatever
-chooses its way, would compare the vehicle with another one and not the choice with a good one.
+The speed is that which the simulated vehicle reaches when v_c is commanded: one that the vehicle cannot fly at,
+whatever chooses its way, would compare the vehicle with another one and not the choice with a good one.
 
 They are planned by the same workers as fly, and kept as the missions are.
 """
