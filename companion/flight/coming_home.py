@@ -12,7 +12,7 @@ from companion.flight.operator_commands import OperatorCommands
 from companion.flight.phase import PhaseEvent
 from companion.flight.preflight.ready import LOOK_PERIOD_S
 from companion.flight.session import Session
-from companion.flight.termination import Termination, homing_end, spent_percent
+from companion.flight.termination import Termination, homing_end
 from companion.model import Measurement
 
 TELL_PERIOD_S = 30.0
@@ -149,7 +149,7 @@ class ComingHome:
 
     def _watch_reach(self, now_s: float) -> None:
         """Tell once, when the battery turns out not to last: to be nearer to home is worth the way all the same."""
-        left_percent, spent = self._prospect.left_percent, spent_percent(self._settings)
+        left_percent, spent = self._prospect.left_percent, self._settings.spent_percent
         if left_percent is None or left_percent >= spent:
             self._short_since_s = None
         elif self._short_since_s is None:
