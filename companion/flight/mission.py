@@ -26,6 +26,7 @@ from companion.flight.coming_home import Homecoming
 from companion.flight.events import Event, EventEmitter, console, recording, status_text
 from companion.flight.gate_client import GateClient
 from companion.flight.gate_socket import GateSocket
+from companion.flight.mavlink_commands import MavlinkCommands, Refusals
 from companion.flight.navigation_files import EarlierGround, Navigation
 from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands, UnfinishedError
 from companion.flight.phase import PhaseEvent, PhaseMachine
@@ -34,6 +35,7 @@ from companion.flight.preflight.run import checked, passed
 from companion.flight.reporting import TickReporter, map_feed
 from companion.flight.request import FlightRequest
 from companion.flight.session import Session, open_session
+from companion.flight.switch_commands import SwitchCommands
 from companion.flight.tasks import background
 from companion.flight.termination import Termination
 from companion.flight.warm_up import warm_up
@@ -92,7 +94,11 @@ async def fly(request: FlightRequest, gate: GateSocket, show: Show) -> dict[str,
         try:
             clock = MonotonicClock()
             async with open_session(settings, clock, GateClient(gate, clock, events, flight), flight) as session:
-                operator.listen(session.link)
+                refusals = Refusals(events, clock)
+                MavlinkCommands(operator, session.link, refusals)
+                if session.rc_switch is not None:
+                    switch = SwitchCommands(settings.mission.rc_switch, operator, flight, refusals)
+                    session.rc_switch.follow(switch.on_move)
                 status_reporter = StatusReporter(session.link, session.clock)
                 events.add(status_text(status_reporter))
                 async with background(status_reporter.run()):

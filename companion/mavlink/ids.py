@@ -67,6 +67,7 @@ class MavChargeState(enum.IntEnum):
 class MavSysStatusSensor(enum.IntFlag):
     """MAV_SYS_STATUS_SENSOR, in the fields ``onboard_control_sensors_...`` of a SYS_STATUS."""
 
+    RC_RECEIVER = 0x10000
     PREARM_CHECK = 0x10000000
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from companion.errors import CompanionError
 from companion.flight.events import Event, EventEmitter
+from companion.flight.phase import FlightPhase
 from companion.flight.preflight import CheckResult, refusal, render, run_checks
 from companion.flight.preflight.ready import until_ready
 from companion.flight.request import FlightRequest
@@ -52,4 +53,6 @@ async def checked(session: Session, request: FlightRequest, events: EventEmitter
             height_m=control_loop.measured_height_m(),
             clock=clock,
             link_problem=session.gate.link_problem,
+            rc_switch=session.rc_switch,
+            started=session.flight.phase >= FlightPhase.WAITING,
         )
