@@ -6,12 +6,14 @@ import math
 from collections.abc import Collection, Mapping
 
 from companion.autopilot.commands import command_long
+from companion.autopilot.handover import CURRENT_HZ
 from companion.autopilot.interface import Link
 from companion.config.autopilot import AutopilotSettings
 from companion.config.mission import MissionSettings
 from companion.mavlink.estimator import ESTIMATOR
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavCmd
+from companion.mavlink.modes import personality
 
 ASK_AGAIN_S = 3.0
 """Longer than the window in which rates are measured, so that an answer shows before it is asked again."""
@@ -24,6 +26,7 @@ _IDS = {
     "GPS_RAW_INT": 24,
     "LOCAL_POSITION_NED": 32,
     "GLOBAL_POSITION_INT": 33,
+    "MISSION_CURRENT": 42,
     "RC_CHANNELS": 65,
     "BATTERY_STATUS": 147,
     "EKF_STATUS_REPORT": 193,
@@ -48,9 +51,11 @@ def wanted_hz(kind: AutopilotKind, settings: AutopilotSettings, mission: Mission
     """Message name -> rate for everything that is read of the autopilot, here and in the gate.
 
     Without GPS PX4 is asked for its global position: where an origin is set and no position comes, it lands elsewhere.
-    A switch of the transmitter counts only while SYS_STATUS says that the transmitter is heard.
+    A switch of the transmitter counts only while SYS_STATUS says that the transmitter is heard; the item of
+    ArduCopter's mission is asked for where it may start the flight.
     """
     switched = mission.rc_switch.channel is not None
+    hands_over = mission.start == "command" and personality(kind).mission is not None
     if settings.gps:
         place = {"GPS_RAW_INT": GPS_HZ}
     else:
@@ -60,6 +65,7 @@ def wanted_hz(kind: AutopilotKind, settings: AutopilotSettings, mission: Mission
         "LOCAL_POSITION_NED": settings.position_hz,
         "SYS_STATUS": SWITCH_STATUS_HZ if switched else 1.0,
         **({"RC_CHANNELS": SWITCH_HZ} if switched else {}),
+        **({"MISSION_CURRENT": CURRENT_HZ} if hands_over else {}),
         "BATTERY_STATUS": 1.0,
         "EXTENDED_SYS_STATE": 2.0,
         ESTIMATOR[kind]: ESTIMATOR_HZ,

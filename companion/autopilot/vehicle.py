@@ -84,10 +84,19 @@ class Vehicle:
         """
         pose = self._telemetry.poses.newest()
         self._start_z_m = None if pose is None else pose.z_m
-        take_off = TakeOff(
+        await self._take_off(measured_height_m).run(height_m)
+
+    async def take_over(self, height_m: float, measured_height_m: Callable[[], float | None]) -> None:
+        """Take a vehicle that is handed over in the air, and return as `take_off` does. Arguments and errors as there.
+
+        The vehicle is engaged when this returns.
+        """
+        await self._take_off(measured_height_m).take_over(height_m)
+
+    def _take_off(self, measured_height_m: Callable[[], float | None]) -> TakeOff:
+        return TakeOff(
             self._link, self._clock, self._modes, self._offboard, self._settings, measured_height_m, self._risen_m
         )
-        await take_off.run(height_m)
 
     async def engage(self) -> None:
         """Make the autopilot follow our setpoints: offboard on PX4, guided on ArduPilot. Returns when it does.

@@ -71,6 +71,13 @@ class Event(enum.Enum):
     READY_FOR_COMMAND = Texts("ready: waiting for MAV_CMD_MISSION_START")
     CHECKING_AGAIN = Texts("checking again")
     TAKING_OFF = Texts("taking off", "companion: taking off", "phase", severity=_NOTICE, state=MavState.ACTIVE)
+    TAKING_OVER = Texts(
+        "taking the vehicle over from its own mission",
+        "companion: taking over from the mission",
+        "phase",
+        severity=_NOTICE,
+        state=MavState.ACTIVE,
+    )
     EXPLORING = Texts("exploring", "companion: exploring", content.ENGAGED, severity=_NOTICE, state=MavState.ACTIVE)
 
     PAUSED = Texts("paused: it stands until it is told to continue", "companion: paused", "pause", severity=_NOTICE)

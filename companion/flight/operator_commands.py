@@ -68,6 +68,8 @@ class OperatorCommands:
         self.stop = asyncio.Event()
         """Ends a take-off."""
         self.wish = Wish.NOTHING
+        self.in_air = False
+        """Whether the start is that of a vehicle which flies already, and is handed over."""
         self.interrupted = False
         """Whether the stop came as a signal: Ctrl-C, or the end of the service."""
         self._by_command = by_command

@@ -333,7 +333,7 @@ class Gate:
             return True
         mode = allowlist.mode_asked_for(ours.kind, fields)
         if mode == ours.offboard:
-            return self.stage is Stage.PASS
+            return self.stage is Stage.PASS and (not self._vehicle.armed or self._has_it(now_s))
         return mode == ours.land or (mode == ours.hold and self.stage < Stage.LAND)
 
     def _lands(self, command: int, fields: Fields) -> bool:
@@ -341,6 +341,10 @@ class Gate:
         if command == MavCmd.NAV_LAND:
             return True
         return command == MavCmd.DO_SET_MODE and allowlist.mode_asked_for(ours.kind, fields) == ours.land
+
+    def _has_it(self, now_s: float) -> bool:
+        """Whether an armed vehicle is the application's, or may become it now: by its own mission, from nobody else."""
+        return self._vehicle.airborne or (self._vehicle.hands_over and self._may_begin(now_s))
 
     def _may_begin(self, now_s: float) -> bool:
         return self.stage is Stage.PASS and self._monitor.beat_age_s(now_s) <= ARMING_BEAT_S

@@ -103,6 +103,8 @@ class MavCmd(enum.IntEnum):
     NAV_RETURN_TO_LAUNCH = 20
     NAV_LAND = 21
     NAV_TAKEOFF = 22
+    NAV_GUIDED_ENABLE = 92
+    """An item of a mission: whoever steers from outside has the vehicle from here on."""
     DO_SET_MODE = 176
     DO_PAUSE_CONTINUE = 193
     """With parameter 1 = 0 to the application a pause, to anybody else of the vehicle a stop; 1 continues."""

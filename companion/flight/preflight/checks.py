@@ -40,6 +40,8 @@ STANDING_M = 1.0
 MAP_MB = 200.0
 MB = 1e6
 BRAKING = "braking"
+ON_THE_GROUND = ("height", STANDING, PREARM, "disarmed", "mode")
+"""Checks of a vehicle that stands and is nobody's yet."""
 _BUSY_MODES = frozenset(
     {"mission", "auto", "return", "rtl", "smart_rtl", "auto_rtl", "land", "precision land", "termination"}
 )
