@@ -24,11 +24,16 @@ def in_its_mission(phase: Phase = Phase.CLIMBING, mode: int = AUTO) -> Scene:
     return scene
 
 
+def is_ours(scene: Scene) -> bool:
+    """Whether the gate watches the flight."""
+    return scene.gate.airborne
+
+
 def test_it_is_taken_from_its_mission_and_watched_from_then_on() -> None:
     scene = in_its_mission()
-    assert not scene.gate.airborne
+    assert not is_ours(scene)
     assert scene.mode(GUIDED)
-    assert scene.gate.airborne, "before the autopilot shows it: whatever goes wrong now is ours"
+    assert is_ours(scene), "before the autopilot shows it: whatever goes wrong now is ours"
     scene.heartbeat(GUIDED, SOON_S)
     assert scene.gate.airborne
     scene.gate.on_application_died("was killed")
