@@ -347,7 +347,9 @@ class Gate:
         return self._vehicle.airborne or (self._vehicle.hands_over and self._may_begin(now_s))
 
     def _may_begin(self, now_s: float) -> bool:
-        return self.stage is Stage.PASS and self._monitor.beat_age_s(now_s) <= ARMING_BEAT_S
+        """Whether a flight may: who ordered a stop before it has not taken that back."""
+        ticks = self._monitor.beat_age_s(now_s) <= ARMING_BEAT_S
+        return self.stage is Stage.PASS and ticks and not self._monitor.stop_ordered
 
     def _on_foreign_command(self, fields: Fields, frame: Frame) -> bool:
         """A command of somebody else: whether it is the stop that a person at a ground station orders.
@@ -358,6 +360,8 @@ class Gate:
             return False
         if fields["target_system"] not in (0, self._plan.system_id) or fields["target_component"] not in STOPPABLE:
             return False
+        if not (self._monitor.stop_ordered or self.airborne):
+            self._outgoing.say("stop ordered: nothing takes off", Fault.GROUND_STOP)
         self._monitor.stop_ordered = True
         self._answers.append(
             self._outgoing.acknowledge(
