@@ -42,7 +42,7 @@ GPS_HZ = 10.0
 """Each fix is sent once, so as often as the receiver has them: the gate notices when none comes."""
 GLOBAL_POSITION_HZ = 2.0
 SWITCH_HZ, SWITCH_STATUS_HZ = 10.0, 5.0
-"""Half a second after it was moved a switch is obeyed."""
+"""Within a second after it was moved a switch is obeyed."""
 ESTIMATOR_HZ = 10.0
 """Often enough to stop before a lost estimate has carried the vehicle far: 0.05 m at 0.5 m/s."""
 

@@ -18,11 +18,11 @@ from companion.mavlink.ids import MavSysStatusSensor
 
 LEAST_US, MOST_US = 800, 2200
 """Pulses of a receiver; MAVLink says 65535 for a channel that there is not, ArduPilot 0."""
-SETTLED_S = 0.4
-"""A position has to last so long: a switch with three of them passes the middle, a receiver that loses its
-transmitter sets what it was told to set, a little before the autopilot notices."""
-HEARD_AFTER_S = 0.2
-"""The autopilot has to say, so long after the position appeared, that it hears its transmitter."""
+SETTLED_S = 0.7
+"""A position has to last so long: a switch with three of them passes the middle."""
+HEARD_AFTER_S = 0.6
+"""So long after the position appeared the autopilot has to say that it hears its transmitter: a receiver that has lost
+it may put out something else at once, and an autopilot notices after half a second (PX4's COM_RC_LOSS_T)."""
 SILENT_S = 1.0
 """Channels that are older than this, or a word on the receiver that is, are none."""
 

@@ -69,6 +69,7 @@ class Telemetry:
             "ODOMETRY": self._odometry,
             "HIGHRES_IMU": self._imu,
             "RC_CHANNELS": self._channels,
+            "MISSION_CURRENT": lambda: m.MAVLink_mission_current_message(0),
         }
         self._ratios = (0.1, 0.1)
         self._rng = random.Random(system_id)  # noqa: S311 - noise

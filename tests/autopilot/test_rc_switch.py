@@ -65,7 +65,7 @@ def test_a_middle_that_is_only_passed_is_no_move() -> None:
 
 def test_it_is_obeyed_within_a_second() -> None:
     """Protects the pilot: who pulls a switch counts on it."""
-    pilot = Transmitter().stands(LOW).stands(HIGH, SETTLED_S + 2 * PERIOD_S)
+    pilot = Transmitter().stands(LOW).stands(HIGH, 0.9)
     assert pilot.moves[-1].after is Position.HIGH
 
 
@@ -89,8 +89,8 @@ def test_what_a_receiver_puts_out_without_its_transmitter_moves_nothing(preset_u
     """Protects a flight out of reach of the transmitter: its loss starts, stops and sends home nothing."""
     for before_us in (LOW, MIDDLE, HIGH):
         pilot = Transmitter().stands(before_us)
-        # The receiver is quicker than the autopilot, whose word comes five times a second.
-        pilot.stands(preset_us, HEARD_AFTER_S - PERIOD_S / 2, heard=True).stands(preset_us, 60.0, heard=False)
+        # The receiver is quicker than the autopilot, which notices after half a second.
+        pilot.stands(preset_us, HEARD_AFTER_S, heard=True).stands(preset_us, 60.0, heard=False)
         assert len(pilot.moves) == 1
         assert pilot.position is None
         assert "hears no transmitter" in pilot.switch.problem(pilot.clock.now_s())
