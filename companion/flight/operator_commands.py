@@ -1,24 +1,32 @@
-"""What people ask of a flight: start, pause, come home, land; by key, by signal, or from a ground station."""
+"""What people ask of a flight: start, pause, come home, land, stop; by key, by signal, or by command."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import enum
-import functools
 import signal
 import sys
 import termios
 from collections.abc import Callable, Coroutine, Iterator
 from typing import Any, TypeVar
 
-from companion.autopilot.interface import Link, LinkError, Message
-from companion.autopilot.vehicle_state import integer, number
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
 from companion.flight.phase import FlightPhase, PhaseMachine
-from companion.mavlink.ids import MavCmd, MavComponent, MavResult
+from companion.link.words import Answer, Command
 
-LARGEST_COMMAND = 65535
+NOT_BY_COMMAND = "mission.start is not command"
+
+_DOES = {
+    FlightPhase.CHECKING: "it is still being checked",
+    FlightPhase.WAITING: "it stands and waits",
+    FlightPhase.TAKING_OFF: "it is taking off",
+    FlightPhase.EXPLORING: "it is exploring",
+    FlightPhase.HOMING: "it is on its way home",
+    FlightPhase.LEAVING: "it lands or holds already",
+    FlightPhase.ENDED: "its flight is over",
+}
+"""Why not, in words that fit a pilot's display."""
 
 T = TypeVar("T")
 
@@ -42,13 +50,15 @@ class Wish(enum.IntEnum):
     HOME = 2
     LAND = 3
     """Where it is."""
+    HOLD = 4
+    """Where it is: a stop."""
 
 
 class OperatorCommands:
     """What people ask for, from wherever it comes.
 
     Args:
-        by_command: whether a ground station may start the flight; it may always end it.
+        by_command: whether a command may start the flight; it may always end it.
         flight: knows the phase. A start that comes before one is waited for is refused: nobody expects a take-off
             minutes later. A signal in the air waits until the vehicle is down.
     """
@@ -58,6 +68,8 @@ class OperatorCommands:
         self.stop = asyncio.Event()
         """Ends a take-off."""
         self.wish = Wish.NOTHING
+        self.in_air = False
+        """Whether the start is that of a vehicle which flies already, and is handed over."""
         self.interrupted = False
         """Whether the stop came as a signal: Ctrl-C, or the end of the service."""
         self._by_command = by_command
@@ -65,10 +77,26 @@ class OperatorCommands:
         self._task: asyncio.Task[object] | None = None
         self._instead: Callable[[], None] | None = None
 
-    def listen(self, link: Link) -> None:
-        """Obey a ground station's commands to this component."""
-        for name in ("COMMAND_LONG", "COMMAND_INT"):
-            link.events(name, functools.partial(self._on_command, link), anyone=True)
+    @property
+    def by_command(self) -> bool:
+        """Whether a command may start the flight."""
+        return self._by_command
+
+    def ask(self, command: Command) -> Answer:
+        """Do what an operator asks for, or say why not. What is done already is accepted again."""
+        phase = self._flight.phase
+        if command is Command.START:
+            return self._start(phase)
+        if command in (Command.PAUSE, Command.CONTINUE):
+            return self._pause(command is Command.PAUSE, phase)
+        least = FlightPhase.EXPLORING if command is Command.HOME else FlightPhase.TAKING_OFF
+        if not least <= phase < FlightPhase.LEAVING:
+            return Answer(False, _DOES[phase])
+        if command is Command.STOP:
+            # The end of a flight is looked for a few times a second; what is paused stands with the next tick.
+            self._flight.pause(True)
+        self._want({Command.HOME: Wish.HOME, Command.LAND: Wish.LAND, Command.STOP: Wish.HOLD}[command])
+        return Answer(True)
 
     @contextlib.contextmanager
     def signals(self) -> Iterator[None]:
@@ -162,54 +190,17 @@ class OperatorCommands:
         self.wish = max(self.wish, wish)
         self.stop.set()
 
-    def _on_command(self, link: Link, message: Message) -> None:
-        command = integer(message, "command")
-        ours = (integer(message, "target_system"), integer(message, "target_component"))
-        if (
-            ours != (link.system_id, MavComponent.ONBOARD_COMPUTER)
-            or command is None
-            or not 0 <= command <= LARGEST_COMMAND
-        ):
-            return
-        result = self._obey(command, number(message, "param1"))
-        answer: dict[str, Any] = {
-            "command": command,
-            "result": result,
-            "progress": 0,
-            "result_param2": 0,
-            "target_system": message.system_id,
-            "target_component": message.component_id,
-        }
-        # A ground station that is gone when the answer leaves has its order all the same.
-        with contextlib.suppress(LinkError):
-            link.send("COMMAND_ACK", answer)
+    def _start(self, phase: FlightPhase) -> Answer:
+        if not self._by_command:
+            return Answer(False, NOT_BY_COMMAND)
+        if not FlightPhase.WAITING <= phase <= FlightPhase.EXPLORING:
+            return Answer(False, _DOES[phase])
+        self.start.set()
+        return Answer(True)
 
-    def _obey(self, command: int, parameter: float) -> int:
-        if command == MavCmd.MISSION_START:
-            if not self._by_command:
-                return MavResult.DENIED
-            if self._flight.phase < FlightPhase.WAITING:
-                return MavResult.TEMPORARILY_REJECTED
-            self.start.set()
-            return MavResult.ACCEPTED
-        if command == MavCmd.DO_PAUSE_CONTINUE:
-            return self._pause_or_continue(parameter)
-        if command in (MavCmd.NAV_RETURN_TO_LAUNCH, MavCmd.NAV_LAND):
-            return self._come_or_land(command)
-        return MavResult.UNSUPPORTED
-
-    def _pause_or_continue(self, parameter: float) -> int:
-        if parameter not in (0.0, 1.0):
-            return MavResult.DENIED
-        if parameter == 0.0 and self._flight.phase is FlightPhase.TAKING_OFF:
+    def _pause(self, paused: bool, phase: FlightPhase) -> Answer:
+        if paused and phase is FlightPhase.TAKING_OFF:
             # There is nothing to go on with, and whoever pauses a climb wants it to stop.
             self._want(Wish.END)
-            return MavResult.ACCEPTED
-        return MavResult.ACCEPTED if self._flight.pause(parameter == 0.0) else MavResult.TEMPORARILY_REJECTED
-
-    def _come_or_land(self, command: int) -> int:
-        lands, phase = command == MavCmd.NAV_LAND, self._flight.phase
-        if not phase.steered and not (lands and phase is FlightPhase.TAKING_OFF):
-            return MavResult.TEMPORARILY_REJECTED
-        self._want(Wish.LAND if lands else Wish.HOME)
-        return MavResult.ACCEPTED
+            return Answer(True)
+        return Answer(True) if self._flight.pause(paused) else Answer(False, _DOES[phase])

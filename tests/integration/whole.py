@@ -8,7 +8,7 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -87,8 +87,24 @@ class Flown:
 
 
 @contextlib.contextmanager
-def flown(folder: Path, personality: str, gps: bool = True, time_limit_s: float = 120.0) -> Iterator[Flown]:
-    """Autopilot, world, gate and application, started; all of them end with the block."""
+def flown(
+    folder: Path,
+    personality: str,
+    gps: bool = True,
+    time_limit_s: float = 120.0,
+    mission: dict[str, Any] | None = None,
+    parameters: Sequence[str] = (),
+) -> Iterator[Flown]:
+    """Autopilot, world, gate and application, started; all of them end with the block.
+
+    Args:
+        folder: of the flight.
+        personality: px4 or ardupilot.
+        gps: False: by external odometry.
+        time_limit_s: of the exploring.
+        mission: settings of that section, besides.
+        parameters: of the autopilot, as NAME=VALUE.
+    """
     plan = FlightPlan(
         folder=folder,
         personality=personality,
@@ -96,8 +112,8 @@ def flown(folder: Path, personality: str, gps: bool = True, time_limit_s: float 
         world=str(write_box(folder / "room.ply", SIZE_M, START)),
         seed=3,
         time_limit_s=time_limit_s,
-        settings={"sensors": {"camera": CAMERA}},
-        autopilot=("--boot-s", f"{BOOT_S:g}"),
+        settings={"sensors": {"camera": CAMERA}, "mission": mission or {}},
+        autopilot=("--boot-s", f"{BOOT_S:g}", *(part for one in parameters for part in ("--param", one))),
         world_options=("--config", str(folder / "vehicle.yaml")),
     )
     log = folder / "application.log"
