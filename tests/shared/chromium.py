@@ -69,7 +69,7 @@ class Browser:
     @property
     def text(self) -> str:
         """All that can be read on the page."""
-        return str(self.value("document.body.innerText"))
+        return str(self.value("document.body?.innerText ?? ''"))
 
     def wait_for(self, expression: str, patience_s: float = _PATIENCE_S) -> None:
         """Wait until an expression is true."""
@@ -80,7 +80,7 @@ class Browser:
 
     def wait_for_text(self, text: str, patience_s: float = _PATIENCE_S) -> None:
         """Wait until something can be read."""
-        self.wait_for(f"document.body.innerText.includes({json.dumps(text)})", patience_s)
+        self.wait_for(f"(document.body?.innerText ?? '').includes({json.dumps(text)})", patience_s)
 
     def click(self, label: str) -> None:
         """Click the middle of the button or of the box that has this label, where a person would see it."""
