@@ -51,7 +51,7 @@ def vehicle_card(vehicle: VehicleView) -> str:
     if telemetry is None:
         return f'<div class="gp">{banners}</div>'
     figures = [
-        _figure("rock", _metres(telemetry.d_m), f"keeps {_metres(telemetry.margin_m)}", _share_of_margin(telemetry)),
+        _figure("rock", _metres(telemetry.d_m), f"keeps {_metres(telemetry.margin_m)}"),
         _figure("height", _metres(telemetry.h_m), f"wants {_metres(telemetry.height_m)}"),
         _figure("battery", _percent(telemetry.battery_percent), _at_home(telemetry), _share(telemetry.battery_percent)),
         _figure("way home", _metres(telemetry.home_m, 0), _time(telemetry.home_s)),
@@ -93,8 +93,8 @@ def _banner(concern: Concern) -> str:
 
 
 def _figure(name: str, value: str, beside: str, share: float | None = None) -> str:
-    bar = "" if share is None else f'<u style="width:{100.0 * share:.0f}%"></u>'
-    return f'<div class="gp-figure"><small>{name}</small><b>{value}</b><small>{beside}</small><s>{bar}</s></div>'
+    bar = "" if share is None else f'<s><u style="width:{100.0 * share:.0f}%"></u></s>'
+    return f'<div class="gp-figure"><small>{name}</small><b>{value}</b><small>{beside}</small>{bar}</div>'
 
 
 def _phase(telemetry: Telemetry) -> str:
@@ -128,19 +128,13 @@ def _behind(age_s: float) -> str:
 def _at_home(telemetry: Telemetry) -> str:
     if telemetry.left_at_home_percent is None:
         return ""
-    return f"{telemetry.left_at_home_percent:.0f} % at home, keeps {_percent(telemetry.reserve_percent)}"
+    return f"{telemetry.left_at_home_percent:.0f} % at home"
 
 
 def _left(telemetry: Telemetry) -> str:
     if telemetry.frontiers is None:
         return ""
     return f"{telemetry.frontiers} place{'' if telemetry.frontiers == 1 else 's'} left"
-
-
-def _share_of_margin(telemetry: Telemetry) -> float | None:
-    if telemetry.d_m is None or not telemetry.margin_m:
-        return None
-    return min(telemetry.d_m / (3.0 * telemetry.margin_m), 1.0)
 
 
 def _times_100(value: float | None) -> float | None:

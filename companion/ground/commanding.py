@@ -97,6 +97,8 @@ class Commanding:
             if button.disabled == (command in possible):
                 button.disabled = command not in possible
         several = len(self._vehicles()) > 1
+        if self._buttons[Command.STOP].visible != several:
+            self._buttons[Command.STOP].visible = several
         label = "STOP ALL" if several else "STOP"
         if self._stop.label != label:
             self._stop.label = label

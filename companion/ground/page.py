@@ -22,9 +22,9 @@ from companion.ground.downloads import Downloads
 from companion.ground.measuring import Measuring
 from companion.ground.shown_vehicle import ShownVehicle
 from companion.ground.station import Station, VehicleView
-from companion.ground.view_controls import ViewControls
+from companion.ground.view_controls import Box, ViewControls, look
 from companion.viewer.drawing import HeightRange, levels_of
-from companion.viewer.page import WAY_COLOURS, aim
+from companion.viewer.page import OBLIQUE, WAY_COLOURS, aim
 from companion.viewer.serving import serving
 
 PERIOD_S = 0.2
@@ -36,7 +36,11 @@ MAP_PERIOD_S = 1.0
 _DRAWING_S = 0.1
 """Of a turn, so much may go into drawing: a map that is behind must not keep the figures from being live."""
 
-_PANEL_PX = 372
+_PANEL_PX = 350
+
+_START_M: Box = (np.array([-15.0, -15.0, 0.0]), np.array([15.0, 15.0, 3.0]))
+_NEAR_M = np.array([8.0, 8.0, 2.0])
+"""What is seen of the surroundings of a vehicle."""
 
 
 class GroundPage:
@@ -70,6 +74,7 @@ class GroundPage:
         self._drawing = threading.Lock()
         self.commanding = Commanding(server, access, station.vehicles, self.chosen)
         self._lay_out()
+        server.on_client_connect(lambda client: look(client, *self._whole(), OBLIQUE))
         server.on_client_disconnect(access.forget)
 
     @property
@@ -121,6 +126,7 @@ class GroundPage:
                 self._next_map_s = self._now_s() + MAP_PERIOD_S
                 for vehicle in vehicles:
                     self._shown[vehicle.name].take_map(vehicle, self._heights)
+                aim(self.server, *self._whole())
             self._draw_maps()
         self._turns += 1
 
@@ -133,11 +139,12 @@ class GroundPage:
         self._fleet = gui.add_html("")
         tabs = gui.add_tab_group()
         with tabs.add_tab("Vehicle", viser.Icon.DRONE):
+            gui.add_html('<div class="gp-chooser"></div>')
             self._chooser = gui.add_button_group("show", ("",), visible=False)
             self._card = gui.add_html("")
             self.commanding.add_buttons()
         with tabs.add_tab("View", viser.Icon.EYE):
-            self.view = ViewControls(self.server)
+            self.view = ViewControls(self.server, self._whole, self._around_chosen)
         with tabs.add_tab("Map", viser.Icon.RULER_MEASURE):
             self.measuring = Measuring(self.server, self._seen)
             Downloads(self.server, self.chosen)
@@ -189,6 +196,21 @@ class GroundPage:
             for drawing in drawings:
                 drawing.repaint()
 
+    def _whole(self) -> Box:
+        """Around all maps; around where a vehicle begins while there is none."""
+        drawings = (shown.drawing for shown in self._shown.values())
+        boxes = [box for drawing in drawings if drawing is not None and (box := drawing.map.bounds_m) is not None]
+        lows, highs = zip(*boxes, strict=True) if boxes else ((_START_M[0],), (_START_M[1],))
+        return np.min(lows, axis=0), np.max(highs, axis=0)
+
+    def _around_chosen(self) -> Box | None:
+        vehicle = self.chosen()
+        told = None if vehicle is None else vehicle.telemetry
+        if told is None or told.x_m is None or told.y_m is None or told.z_m is None:
+            return None
+        at_m = np.array([told.x_m, told.y_m, told.z_m])
+        return at_m - _NEAR_M, at_m + _NEAR_M
+
     def _seen(self, origin_m: NDArray[np.float64], towards: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """What a click hits: of vehicles that are not hidden, the nearest point of a map."""
         with self._drawing:
@@ -219,6 +241,5 @@ def serve(
         InputError: nothing can listen there.
     """
     with serving(title, host, port) as server:
-        low, high = np.array([-15.0, -15.0, 0.0]), np.array([15.0, 15.0, 3.0])
-        aim(server, low, high)
+        aim(server, *_START_M)
         yield GroundPage(server, station, Access(code), most_points)

@@ -18,7 +18,7 @@ from companion.viewer.page import draw_graph, draw_way
 _BLOCK = 256
 """Positions of the way that are one node: only the last of them is sent again when the vehicle has flown on."""
 
-_SIZE_M = 0.55
+_SIZE_M = 0.8
 _ARROW_M = np.array(
     [[1.6, 0, 0], [-0.9, 1.0, 0], [-0.5, 0, 0.25], [-0.9, -1.0, 0], [-0.5, 0, -0.25]], np.float32
 ) * np.float32(_SIZE_M)

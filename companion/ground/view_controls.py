@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import viser
 
+from companion.model import FloatArray
 from companion.viewer.drawing import Style
+from companion.viewer.page import OBLIQUE, STEEP, view_of
 from companion.viewer.tiles import Shown
 from companion.viewer.voxels import State
 
@@ -15,18 +18,34 @@ _EMPTY_M = -1.0, 5.0
 
 _STEP_M = 0.1
 
+_LEGEND = (
+    '<div class="gp gp-legend"><i style="background:#f0148c"></i>the point it flies to now'
+    '<i style="background:#ff3c3c"></i>left to explore<br>'
+    "Dark is low, bright is high. Everybody who has this page open sees the same.</div>"
+)
+
+Box = tuple[FloatArray, FloatArray]
+"""Two (3,) corners, lowest and highest, in m."""
+
 
 class ViewControls:
     """The controls of the view.
 
     Args:
         server: viser's.
+        whole: a box around everything.
+        chosen: a box around the chosen vehicle; None where it is not known where that is.
     """
 
-    def __init__(self, server: viser.ViserServer) -> None:
+    def __init__(self, server: viser.ViserServer, whole: Callable[[], Box], chosen: Callable[[], Box | None]) -> None:
         self._server = server
         self._vehicles: dict[str, viser.GuiCheckboxHandle] = {}
         gui = server.gui
+        gui.add_html('<div class="gp-commands"></div>')
+        self._eye("Whole map", whole, OBLIQUE)
+        self._eye("From above", whole, STEEP)
+        self._eye("At vehicle", chosen, OBLIQUE)
+        gui.add_html('<div class="gp-done"></div>')
         self._roof = gui.add_checkbox("roof", initial_value=False, hint="Show what hides the ground from above")
         self._cut = gui.add_multi_slider(
             "slice, z (m)",
@@ -43,11 +62,22 @@ class ViewControls:
             "left to explore", initial_value=True, hint="Places that were seen and not reached"
         )
         dark = gui.add_checkbox("dark", initial_value=False, hint="For eyes that are used to the dark")
+        gui.add_html(_LEGEND)
         self._folder = gui.add_folder("vehicles", visible=False)
 
         @dark.on_update
         def _(_: object) -> None:
             gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=dark.value)
+
+    def _eye(self, label: str, box: Callable[[], Box | None], towards: FloatArray) -> None:
+        """A button that moves the eye of whoever presses it."""
+        button = self._server.gui.add_button(label, color="gray")
+
+        @button.on_click
+        def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+            around = box()
+            if around is not None and event.client is not None:
+                look(event.client, *around, towards)
 
     @property
     def way(self) -> bool:
@@ -97,3 +127,10 @@ class ViewControls:
         )
         self._cut.min, self._cut.max = low_m, high_m
         self._cut.value = kept  # type: ignore[misc] # viser's setter stands apart from its property
+
+
+def look(client: viser.ClientHandle, low_m: FloatArray, high_m: FloatArray, towards: FloatArray) -> None:
+    """Move the eye of one who has the page open so that a box is in sight."""
+    camera = client.camera
+    with client.atomic():
+        camera.look_at, camera.position = view_of(low_m, high_m, towards, camera.aspect)

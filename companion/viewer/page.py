@@ -24,6 +24,18 @@ from companion.viewer.voxels import PackedVoxels, State
 WAY_COLOURS: tuple[Rgb, ...] = (213, 94, 0), (0, 114, 178), (0, 158, 115), (204, 121, 167), (86, 180, 233)
 """By vehicle."""
 
+OBLIQUE: FloatArray = np.array([0.0, -0.6, 0.8])
+STEEP: FloatArray = np.array([0.0, -0.001, 1.0])
+"""Where the eye is: above the south, and straight above."""
+
+FOV_RAD = 0.9
+"""From the lower edge of the picture to the upper."""
+
+_NARROW = 1.1
+"""Width over height of the part of a tablet that the controls leave; what is wider has room to spare."""
+
+_ROOM = 1.04
+
 
 @dataclass
 class Page:
@@ -122,11 +134,36 @@ def rgb(colour: str) -> Rgb:
 
 
 def aim(server: viser.ViserServer, low_m: FloatArray, high_m: FloatArray) -> None:
-    """Let everyone who opens the page begin above the south of a box, looking at its middle; two (3,) corners."""
-    middle, reach = (low_m + high_m) / 2.0, max(float(np.linalg.norm(high_m - low_m)), 1.0)
-    server.initial_camera.look_at = tuple(middle)
-    server.initial_camera.position = tuple(middle + reach * np.array([0.0, -0.32, 0.44]))
-    server.initial_camera.far = max(1000.0, 10.0 * reach)
+    """Let everyone who opens the page begin above the south of a box, with all of it in sight; two (3,) corners."""
+    camera = server.initial_camera
+    camera.fov = FOV_RAD
+    camera.look_at, camera.position = view_of(low_m, high_m, OBLIQUE, _NARROW)
+    camera.far = max(1000.0, 10.0 * float(np.linalg.norm(high_m - low_m)))
+
+
+def view_of(
+    low_m: FloatArray, high_m: FloatArray, towards: FloatArray, aspect: float
+) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """Where to look, and from where, to have a box in sight and no more.
+
+    Args:
+        low_m: (3,) its lowest corner.
+        high_m: (3,) its highest.
+        towards: (3,) from its middle to the eye; any length.
+        aspect: width of the picture over its height.
+    """
+    corners = np.stack(np.meshgrid(*zip(low_m, high_m, strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
+    middle = (low_m + high_m) / 2.0
+    back = towards / np.linalg.norm(towards)
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    half_high = math.tan(FOV_RAD / 2.0)
+    beside = np.abs((corners - middle) @ right) / (half_high * aspect)
+    over = np.abs((corners - middle) @ np.cross(back, right)) / half_high
+    away_m = max(_ROOM * float((np.maximum(beside, over) + (corners - middle) @ back).max()), 1.0)
+    x_m, y_m, z_m = (middle + away_m * back).tolist()
+    at_x_m, at_y_m, at_z_m = middle.tolist()
+    return (at_x_m, at_y_m, at_z_m), (x_m, y_m, z_m)
 
 
 def _note(voxels: PackedVoxels, drawing: MapDrawing) -> str:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from companion.mapping.voxels.chunks import EDGE, OFFSETS, PLACES, VOLUME
 from companion.mapping.voxels.lookup import FREE, OCCUPIED
 from companion.mapping.voxels.piece import MapSnapshot
+from companion.model import FloatArray
 from companion.viewer.voxels import PIECE, PackedVoxels, State, cubes
 
 TILE = 8
@@ -89,6 +90,8 @@ class TiledMap:
         self._counts = np.zeros((64, len(State), COARSEST + 1), np.int32)
         self._in_tile: defaultdict[Tile, list[tuple[Tile, int]]] = defaultdict(list)
         self._reach = min(max(round(_REACH_M / voxel_m), 1), _MOST_REACH)
+        self._low = np.full(3, np.iinfo(np.int32).max)
+        self._high = np.full(3, np.iinfo(np.int32).min)
 
     @property
     def chunks(self) -> int:
@@ -99,6 +102,14 @@ class TiledMap:
     def tiles(self) -> Iterator[Tile]:
         """All that have something in them."""
         return iter(self._in_tile)
+
+    @property
+    def bounds_m(self) -> tuple[FloatArray, FloatArray] | None:
+        """Two (3,) corners of a box around all chunks that ever had something occupied in them; None before."""
+        if (self._low > self._high).any():
+            return None
+        edge_m = EDGE * self.voxel_m
+        return self._low * edge_m, (self._high + 1) * edge_m
 
     @property
     def memory_bytes(self) -> int:
@@ -170,6 +181,9 @@ class TiledMap:
         while len(self._rows) > len(self._planes):
             self._planes = np.concatenate([self._planes, np.zeros_like(self._planes)])
             self._counts = np.concatenate([self._counts, np.zeros_like(self._counts)])
+        with_walls = chunks[bits[State.OCCUPIED].any(axis=1)]
+        self._low = np.minimum(self._low, with_walls.min(axis=0, initial=np.iinfo(np.int32).max))
+        self._high = np.maximum(self._high, with_walls.max(axis=0, initial=np.iinfo(np.int32).min))
         for state in State:
             self._planes[rows, state] = bits[state]
             for level in range(COARSEST + 1):

@@ -18,6 +18,13 @@ from websockets.sync.client import ClientConnection, connect
 EXECUTABLE = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 _PATIENCE_S = 60.0
+_FIELD_OF = """((label) => {
+    for (let around = label; around; around = around.parentElement) {
+        const field = around.querySelector('input, textarea');
+        if (field) return field;
+    }
+})"""
+"""The field or box that a label stands beside."""
 
 
 class Browser:
@@ -89,15 +96,26 @@ class Browser:
             const found = all.find((one) => one.innerText.trim() === {json.dumps(label)} && one.offsetParent !== null);
             if (!found) return null;
             found.scrollIntoView({{block: 'nearest'}});
-            const box = (found.tagName === 'LABEL' && document.getElementById(found.htmlFor) || found)
-                .getBoundingClientRect();
+            const box = (found.tagName === 'LABEL' ? {_FIELD_OF}(found) : found).getBoundingClientRect();
             return [box.x + box.width / 2, box.y + box.height / 2];
         }})()"""
         self.wait_for(f"{find} !== null")
-        x, y = self.value(find)
-        hit = self.value(f"document.elementFromPoint({x}, {y})?.closest('button, label, a, [role=tab], div').innerText")
-        assert hit is not None, f"{label!r} is not to be seen at {x:g}, {y:g}"
-        self.click_at(x, y)
+        before, place = None, self.value(find)
+        while place != before:
+            # What opens moves into its place.
+            time.sleep(0.1)
+            before, place = place, self.value(find)
+        assert place is not None, f"{label!r} has gone"
+        self.click_at(*place)
+
+    def type_into(self, label: str, text: str) -> None:
+        """Put text in place of what is in the field with this label."""
+        find = f"""[...document.querySelectorAll('label')]
+            .find((one) => one.innerText.trim() === {json.dumps(label)} && one.offsetParent !== null)"""
+        self.wait_for(f"{find} !== undefined")
+        field = f"{_FIELD_OF}({find})"
+        self.value(f"{field}.focus(), {field}.select()")
+        self.ask("Input.insertText", text=text)
 
     def click_at(self, x: float, y: float) -> None:
         """Press and let go the left button of the mouse there."""
