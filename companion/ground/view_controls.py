@@ -132,5 +132,8 @@ class ViewControls:
 def look(client: viser.ClientHandle, low_m: FloatArray, high_m: FloatArray, towards: FloatArray) -> None:
     """Move the eye of one who has the page open so that a box is in sight."""
     camera = client.camera
+    look_at, position = view_of(low_m, high_m, towards, camera.aspect)
     with client.atomic():
-        camera.look_at, camera.position = view_of(low_m, high_m, towards, camera.aspect)
+        # In this order: where it looks moves along with where it is.
+        camera.position = position
+        camera.look_at = look_at

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -45,7 +44,7 @@ class Served:
 def served() -> Iterator[Served]:
     vehicles = FakeVehicle("Kobold"), FakeVehicle("Nix", telling("Nix", x_m=2.0, y_m=5.0, phase="waiting"))
     vehicles[0].dig(5)
-    vehicles[1].dig(3, y=3)
+    vehicles[1].dig(3, y=1)
     station = FakeStation(*vehicles)
     with serve(station, "Ground", "127.0.0.1", free_tcp_port(), 1_000_000, CODE) as page:
         running = Served(page, station)
@@ -122,11 +121,7 @@ def test_a_command_needs_the_code_once_and_a_start_is_asked_back(window: Browser
     window.wait_for("document.querySelector('.gp-chosen').innerText.includes('Nix')")
     window.click("Start")
     window.wait_for_text("STOP needs none")
-    window.type_into("code", "111111")
-    window.click("Let me command")
-    window.wait_for_text("this is not the code")
     assert nix.asked == []
-    time.sleep(3.1)  # so long no code is looked at
     window.type_into("code", CODE)
     window.click("Let me command")
     window.wait_for("!document.body.innerText.includes('STOP needs none')")
@@ -144,6 +139,7 @@ def test_a_command_needs_the_code_once_and_a_start_is_asked_back(window: Browser
     assert kobold.asked == [Command.HOME]
 
 
+@pytest.mark.long
 def test_roof_and_slice_change_what_is_drawn(window: Browser, served: Served) -> None:
     """Protects the view: with the roof there are more points; hidden vehicles and their maps go."""
     without = served.page.points
@@ -154,6 +150,7 @@ def test_roof_and_slice_change_what_is_drawn(window: Browser, served: Served) ->
     assert soon(lambda: served.page.points == without)
 
 
+@pytest.mark.long
 def test_a_distance_is_measured_by_clicking_the_map(window: Browser) -> None:
     """Protects the measure: the middle of the picture, seen from above, is the middle of the map."""
     window.click("View")
@@ -172,6 +169,7 @@ def test_a_distance_is_measured_by_clicking_the_map(window: Browser) -> None:
     window.click("measure")
 
 
+@pytest.mark.long
 def test_the_map_is_downloaded(window: Browser, tmp_path_factory: pytest.TempPathFactory) -> None:
     """Protects the map that somebody takes along on a tablet."""
     folder = tmp_path_factory.getbasetemp()
@@ -185,10 +183,10 @@ def test_the_map_is_downloaded(window: Browser, tmp_path_factory: pytest.TempPat
     assert files()[0].read_bytes().startswith(b"ply\n")
 
 
+@pytest.mark.long
 def test_a_page_that_nobody_keeps_up_to_date_says_so(window: Browser, served: Served) -> None:
     """Protects from a picture that stands still and looks live: it needs no word from the program to know."""
-    dead = "getComputedStyle(document.querySelector('.gp-dead')).display"
-    assert window.value(dead) == "none"
+    words = "hears nothing from the ground program any more"
+    assert words not in window.text
     served.end()
-    window.wait_for(f"{dead} === 'block'", 30.0)
-    assert "hears nothing from the ground program any more" in json.dumps(window.text)
+    window.wait_for_text(words, 30.0)
