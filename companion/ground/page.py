@@ -26,6 +26,7 @@ from companion.ground.view_controls import Box, ViewControls, look
 from companion.viewer.drawing import HeightRange, levels_of
 from companion.viewer.page import OBLIQUE, WAY_COLOURS, aim
 from companion.viewer.serving import serving
+from companion.viewer.voxels import State
 
 PERIOD_S = 0.2
 """Time between two looks at the vehicles."""
@@ -91,6 +92,12 @@ class GroundPage:
     def waiting(self) -> int:
         """Tiles that are not on the page as they should be yet."""
         return sum(shown.drawing.waiting for shown in self._shown.values() if shown.drawing is not None)
+
+    @property
+    def cubes_m(self) -> float:
+        """Edge of the cubes that stand for occupied voxels; 0 while there are none."""
+        drawings = (shown.drawing for shown in self._shown.values())
+        return max((drawing.edge_m(State.OCCUPIED) for drawing in drawings if drawing is not None), default=0.0)
 
     @property
     def memory_bytes(self) -> int:

@@ -88,6 +88,7 @@ class TiledMap:
         self._rows: dict[Tile, int] = {}
         self._planes = np.zeros((64, len(_Plane), VOLUME // 8), np.uint8)
         self._counts = np.zeros((64, len(State), COARSEST + 1), np.int32)
+        self._total = np.zeros((len(State), COARSEST + 1), np.int64)
         self._in_tile: defaultdict[Tile, list[tuple[Tile, int]]] = defaultdict(list)
         self._reach = min(max(round(_REACH_M / voxel_m), 1), _MOST_REACH)
         self._low = np.full(3, np.iinfo(np.int32).max)
@@ -118,7 +119,7 @@ class TiledMap:
 
     def counts(self) -> NDArray[np.int64]:
         """(3, 5) by `State` and level, how many cubes of 2^level voxels are shown."""
-        return np.asarray(self._counts[: len(self._rows)].sum(axis=0, dtype=np.int64))
+        return self._total.copy()
 
     def put(self, voxels: PackedVoxels) -> set[Tile]:
         """Take chunks in place of what it had of them.
@@ -184,11 +185,13 @@ class TiledMap:
         with_walls = chunks[bits[State.OCCUPIED].any(axis=1)]
         self._low = np.minimum(self._low, with_walls.min(axis=0, initial=np.iinfo(np.int32).max))
         self._high = np.maximum(self._high, with_walls.max(axis=0, initial=np.iinfo(np.int32).min))
+        self._total -= self._counts[rows].sum(axis=0)
         for state in State:
             self._planes[rows, state] = bits[state]
             for level in range(COARSEST + 1):
                 shown = cubes(bits[state], level, state is State.FREE)
                 self._counts[rows, state, level] = shown.sum(axis=1)
+        self._total += self._counts[rows].sum(axis=0)
 
     def _classify(self, chunks: list[Tile]) -> None:
         """Find out anew what of these chunks is roof and what is ground."""
