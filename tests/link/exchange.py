@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 from pathlib import Path
 
 import numpy as np
@@ -54,10 +53,11 @@ class Exchange:
         self.asks: list[str] = []
         self._mine = mine
         self._folder = folder
-        self._random = random.Random(2)
+        self._random = np.random.default_rng(2)
         self._sessions = 0
         self.restart_vehicle()
-        self.restart_ground()
+        self.sync = MapSync(folder, "ground", self.clock)
+        self.sync.follow(MAP)
 
     def restart_vehicle(self) -> None:
         """The process of the link begins anew."""
@@ -66,8 +66,7 @@ class Exchange:
 
     def restart_ground(self) -> None:
         """The ground begins anew, with what is on its disk."""
-        if self._sessions > 1 or hasattr(self, "sync"):
-            self.sync.close()
+        self.sync.close()
         self.sync = MapSync(self._folder, "ground", self.clock)
         self.sync.follow(MAP)
 

@@ -284,7 +284,9 @@ class LinkProcess:
         message = answer(told, body)
         with self._guarded:
             now_s = self._clock.now_s()
-            is_all = ask.what == "chunks" and told.epoch == ask.epoch and ask.after == told.head
+            is_all = None
+            if ask.what == "chunks":
+                is_all = told.epoch == ask.epoch and ask.after == told.head
             self._listeners.heard(ask.by, now_s, is_all)
             wait_s = self._bandwidth.take(len(message), now_s)
         if wait_s > 0.0:
