@@ -16,9 +16,18 @@ from companion.autopilot.interface import Link, LinkError, Message
 from companion.autopilot.vehicle_state import integer, number
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
 from companion.flight.phase import FlightPhase, PhaseMachine
+from companion.link.words import Answer, Command
 from companion.mavlink.ids import MavCmd, MavComponent, MavResult
 
 LARGEST_COMMAND = 65535
+
+ACCEPTED = Answer(accepted=True)
+
+_COMMANDS: dict[int, Command] = {
+    MavCmd.MISSION_START: Command.START,
+    MavCmd.NAV_RETURN_TO_LAUNCH: Command.HOME,
+    MavCmd.NAV_LAND: Command.LAND,
+}
 
 T = TypeVar("T")
 
@@ -64,6 +73,51 @@ class OperatorCommands:
         self._flight = flight
         self._task: asyncio.Task[object] | None = None
         self._instead: Callable[[], None] | None = None
+
+    def obey(self, command: Command) -> Answer:
+        """Do what an operator asks, from wherever it comes; what became of it."""
+        phase = self._flight.phase
+        if command is Command.STOP:
+            return self._brake()
+        if command is Command.START:
+            return self._begin()
+        if command in (Command.PAUSE, Command.CONTINUE):
+            if command is Command.PAUSE and phase is FlightPhase.TAKING_OFF:
+                # There is nothing to go on with, and whoever pauses a climb wants it to stop.
+                self._want(Wish.END)
+                return ACCEPTED
+            if self._flight.pause(command is Command.PAUSE):
+                return ACCEPTED
+            return _not_now(phase, "pauses only while it explores or comes home")
+        lands = command is Command.LAND
+        if not phase.steered and not (lands and phase is FlightPhase.TAKING_OFF):
+            return _not_now(phase, "lands only in the air" if lands else "comes home only once it explores")
+        self._want(Wish.LAND if lands else Wish.HOME)
+        return ACCEPTED
+
+    def _begin(self) -> Answer:
+        if not self._by_command:
+            return Answer(accepted=False, reason="mission.start is not command: the flight is started at the vehicle")
+        phase = self._flight.phase
+        if phase < FlightPhase.WAITING:
+            return _not_now(phase, "wait until it is ready")
+        if phase > FlightPhase.WAITING:
+            # It was done: who asks again has not heard of it yet.
+            return ACCEPTED if phase.steered or phase is FlightPhase.TAKING_OFF else _not_now(phase, "it has flown")
+        self.start.set()
+        return ACCEPTED
+
+    def _brake(self) -> Answer:
+        phase = self._flight.phase
+        if phase.steered:
+            self._flight.pause(True)
+        elif phase in (FlightPhase.CHECKING, FlightPhase.TAKING_OFF):
+            self._want(Wish.END)
+        elif phase is FlightPhase.LEAVING:
+            return _not_now(phase, "the autopilot holds or lands it already: stop it there, from its ground station")
+        # On the ground whoever stops takes a start back that has not been obeyed yet.
+        self.start.clear()
+        return ACCEPTED
 
     def listen(self, link: Link) -> None:
         """Obey a ground station's commands to this component."""
@@ -185,31 +239,19 @@ class OperatorCommands:
             link.send("COMMAND_ACK", answer)
 
     def _obey(self, command: int, parameter: float) -> int:
-        if command == MavCmd.MISSION_START:
-            if not self._by_command:
-                return MavResult.DENIED
-            if self._flight.phase < FlightPhase.WAITING:
-                return MavResult.TEMPORARILY_REJECTED
-            self.start.set()
-            return MavResult.ACCEPTED
-        if command == MavCmd.DO_PAUSE_CONTINUE:
-            return self._pause_or_continue(parameter)
-        if command in (MavCmd.NAV_RETURN_TO_LAUNCH, MavCmd.NAV_LAND):
-            return self._come_or_land(command)
-        return MavResult.UNSUPPORTED
-
-    def _pause_or_continue(self, parameter: float) -> int:
-        if parameter not in (0.0, 1.0):
+        if command == MavCmd.DO_PAUSE_CONTINUE and parameter not in (0.0, 1.0):
             return MavResult.DENIED
-        if parameter == 0.0 and self._flight.phase is FlightPhase.TAKING_OFF:
-            # There is nothing to go on with, and whoever pauses a climb wants it to stop.
-            self._want(Wish.END)
+        if command == MavCmd.DO_PAUSE_CONTINUE:
+            asked = Command.PAUSE if parameter == 0.0 else Command.CONTINUE
+        elif command in _COMMANDS:
+            asked = _COMMANDS[command]
+        else:
+            return MavResult.UNSUPPORTED
+        if self.obey(asked).accepted:
             return MavResult.ACCEPTED
-        return MavResult.ACCEPTED if self._flight.pause(parameter == 0.0) else MavResult.TEMPORARILY_REJECTED
+        never = asked is Command.START and not self._by_command
+        return MavResult.DENIED if never else MavResult.TEMPORARILY_REJECTED
 
-    def _come_or_land(self, command: int) -> int:
-        lands, phase = command == MavCmd.NAV_LAND, self._flight.phase
-        if not phase.steered and not (lands and phase is FlightPhase.TAKING_OFF):
-            return MavResult.TEMPORARILY_REJECTED
-        self._want(Wish.LAND if lands else Wish.HOME)
-        return MavResult.ACCEPTED
+
+def _not_now(phase: FlightPhase, why: str) -> Answer:
+    return Answer(accepted=False, reason=f"not while {phase.in_words}: {why}")

@@ -14,6 +14,7 @@ import pytest
 from companion.errors import InputError
 from companion.flight.operator_commands import OperatorCommands, UnfinishedError, Wish
 from companion.flight.phase import FlightPhase, PhaseMachine
+from companion.link.words import Answer, Command
 from companion.mavlink.ids import MavCmd
 from tests.autopilot.fake_link import FakeLink
 from tests.shared.clocks import HandClock
@@ -235,3 +236,57 @@ async def test_what_goes_wrong_while_the_map_is_written_is_said() -> None:
 
     with pytest.raises(OSError, match="full"):
         await OperatorCommands(True, in_phase(FlightPhase.ENDED)).finish(fails(), lambda: None)
+
+
+def obeyed(
+    command: Command, phase: FlightPhase, by_command: bool = True
+) -> tuple[Answer, OperatorCommands, PhaseMachine]:
+    """What becomes of a command in a phase."""
+    flight = in_phase(phase)
+    operator = OperatorCommands(by_command, flight)
+    return operator.obey(command), operator, flight
+
+
+def test_a_stop_brakes_whatever_steers() -> None:
+    """Protects the one button that must not fail: it is never a question of the phase while we steer."""
+    for phase in (EXPLORING, HOMING):
+        answer, operator, flight = obeyed(Command.STOP, phase)
+        assert answer.accepted
+        assert flight.paused, "the next tick brakes"
+        assert operator.wish is Wish.NOTHING, "a person decides how it goes on"
+    answer, operator, _ = obeyed(Command.STOP, TAKING_OFF)
+    assert answer.accepted
+    assert operator.stop.is_set(), "the climb ends"
+
+
+def test_a_stop_on_the_ground_takes_the_start_back() -> None:
+    answer, operator, _ = obeyed(Command.START, WAITING)
+    assert answer.accepted
+    assert operator.obey(Command.STOP).accepted
+    assert not operator.start.is_set()
+    answer, operator, _ = obeyed(Command.STOP, CHECKING)
+    assert answer.accepted
+    assert operator.stop.is_set(), "nothing takes off after it"
+
+
+def test_what_the_autopilot_ends_it_is_told_to_stop_itself() -> None:
+    answer, operator, _ = obeyed(Command.STOP, LEAVING)
+    assert not answer.accepted
+    assert "autopilot" in answer.reason
+    assert not operator.stop.is_set()
+
+
+@pytest.mark.parametrize("command", list(Command))
+def test_each_refusal_says_why(command: Command) -> None:
+    for phase in FlightPhase:
+        answer, _, _ = obeyed(command, phase, by_command=False)
+        assert bool(answer.reason) is not answer.accepted
+
+
+@pytest.mark.parametrize("command", list(Command))
+def test_asked_twice_it_is_done_once(command: Command) -> None:
+    for phase in FlightPhase:
+        first, operator, flight = obeyed(command, phase)
+        state = (operator.wish, operator.start.is_set(), operator.stop.is_set(), flight.paused)
+        assert operator.obey(command) == first
+        assert (operator.wish, operator.start.is_set(), operator.stop.is_set(), flight.paused) == state
