@@ -65,6 +65,7 @@ class Digging:
     def __init__(self, name: str, number: int, sections: int) -> None:
         self.name = name
         self.age_s = self.map_age_s = 0.0
+        self.map_number = 0
         self.sections = sections
         self._number = number
         self._section = section()
@@ -110,7 +111,7 @@ class Digging:
     def way_m(self) -> FloatArray:
         """Through all drifts, a position each 1.6 m."""
         corners = self.chunks(0, self.sections)[::HIGH].astype(np.float64) * (EDGE * VOXEL_M)
-        return corners + np.array([0.8, 0.8, 1.5])
+        return np.asarray(corners + np.array([0.8, 0.8, 1.5]))
 
     def graph(self) -> Sequence[GraphLines]:
         """None."""

@@ -31,17 +31,19 @@ class ShownVehicle:
         self._maps = server.scene.add_frame(f"{self._root}/map", show_axes=False)
         self.sketch = Sketch(server, self._root, name, colour)
         self._revision = 0
-        self._flight = ""
+        self._map_number = -1
 
     def take_map(self, vehicle: VehicleView, heights: HeightRange) -> None:
-        """Ask for what has changed in its map; another flight has a map of its own."""
-        flight = "" if vehicle.telemetry is None else vehicle.telemetry.flight
-        if flight != self._flight:
-            self._flight, self._revision = flight, 0
+        """Ask for what has changed in its map; another map takes the place of the one that was shown."""
+        number = vehicle.map_number
+        if number != self._map_number:
+            self._map_number, self._revision = number, 0
             if self.drawing is not None:
                 self.drawing.remove()
                 self.drawing = None
         snapshot = vehicle.changed(self._revision)
+        if vehicle.map_number != number:
+            return  # it may be of either: asked again the next time
         self._revision = snapshot.revision
         if not len(snapshot.chunks):
             return

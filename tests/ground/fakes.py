@@ -53,6 +53,7 @@ class FakeVehicle:
         self.telemetry = telemetry or telling(name)
         self.age_s = 0.1
         self.map_age_s = 0.0
+        self.map_number = 0
         self.map = VoxelMap(MapSettings())
         self.asked: list[Command] = []
         self.answer: Answer | None = Answer(accepted=True)

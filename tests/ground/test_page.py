@@ -80,11 +80,11 @@ def test_the_page_keeps_one_state_of_each_tile(vehicle: FakeVehicle) -> None:
         assert sent(page) == before
 
 
-def test_another_flight_has_a_map_of_its_own(vehicle: FakeVehicle) -> None:
+def test_another_map_takes_the_place_of_the_one_before(vehicle: FakeVehicle) -> None:
     """Protects from two mines in one picture."""
     with turned(vehicle) as page:
         before = page.points
-        vehicle.map, vehicle.telemetry = FakeVehicle().map, telling(flight="20261129-1500")
+        vehicle.map, vehicle.map_number = FakeVehicle().map, 1
         vehicle.dig(1)
         page._next_map_s = 0.0
         page.turn()
