@@ -94,6 +94,14 @@ class MissionSettings(Section):
     input_timeout_s: float = Field(
         10.0, ge=1.0, le=600.0, description="standing still without fresh inputs for this long ends the flight, in s"
     )
+    link_lost: Literal["go_on", "home", "land"] = Field(
+        "go_on",
+        description="what follows when nobody at the ground has been heard over the link for link_lost_s: go on, come "
+        "home, or land where it is",
+    )
+    link_lost_s: float = Field(
+        60.0, ge=2.0, le=86400.0, description="for so long nobody was heard, from the take-off on, in s"
+    )
     skip_checks: tuple[str, ...] = Field((), description="names of pre-flight checks to skip; recorded with the flight")
 
 

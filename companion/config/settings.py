@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from companion.config import safety_rules
 from companion.config.autopilot import AutopilotSettings
 from companion.config.control import ControlSettings
+from companion.config.link import LinkSettings
 from companion.config.mapping import MapSettings
 from companion.config.mission import MissionSettings, RecordSettings
 from companion.config.safety import SafetySettings
@@ -25,7 +26,7 @@ BEFORE_THE_GATE_PERCENT = 1.0
 
 
 class Settings(Section):
-    """One vehicle: body, law, sensors, map, group, autopilot, the course of a flight, safety, recording, simulation."""
+    """One vehicle: body, law, sensors, map, group, autopilot, flight, link, safety, recording, simulation."""
 
     vehicle: VehicleSettings = Field(VehicleSettings(), description="the airframe")
     control: ControlSettings = Field(ControlSettings(), description="the navigation law")
@@ -34,6 +35,7 @@ class Settings(Section):
     fleet: FleetSettings = Field(FleetSettings(), description="several vehicles")
     autopilot: AutopilotSettings = Field(AutopilotSettings(), description="the flight controller and the link to it")
     mission: MissionSettings = Field(MissionSettings(), description="when a flight begins, and how it ends")
+    link: LinkSettings = Field(LinkSettings(), description="the link to the ground")
     safety: SafetySettings = Field(SafetySettings(), description="the gate between this and the flight controller")
     record: RecordSettings = Field(RecordSettings(), description="the flight recording")
     sim: SimSettings = Field(SimSettings(), description="the simulated vehicle and its imperfect sensors")
@@ -86,6 +88,13 @@ class Settings(Section):
                 "fleet.tunnel_height_m",
                 "fleet.largest_group",
                 "control.vertical_margin_m",
+            )
+        if self.mission.link_lost != "go_on" and not self.link.enabled:
+            raise refuse(
+                f"mission.link_lost = {self.mission.link_lost}, but link.enabled = false: there is no link that could "
+                "be lost; set link.enabled: true, or link_lost: go_on",
+                "mission.link_lost",
+                "link.enabled",
             )
         safety_rules.check_limits(self.safety, self.control)
         safety_rules.check_distance(self.safety, self.vehicle, self.control)

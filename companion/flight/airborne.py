@@ -15,6 +15,7 @@ from companion.flight.lookout import Lookout
 from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands, Wish
 from companion.flight.phase import PhaseEvent
 from companion.flight.preflight.ready import LOOK_PERIOD_S
+from companion.flight.prospect import Prospect
 from companion.flight.session import Session
 from companion.flight.tasks import background, first_of
 from companion.flight.termination import Conditions, Termination, is_spent, termination
@@ -30,6 +31,7 @@ class Airborne:
 
     Attributes:
         explored_s: how long it explored.
+        prospect: of coming home; None before it explores.
         done_at_s: when the mission was done, from the beginning of the exploring; None when it was not.
         end: where the exploring ended; None where no pose was known.
     """
@@ -44,6 +46,7 @@ class Airborne:
         events: EventEmitter,
     ) -> None:
         self.explored_s = 0.0
+        self.prospect: Prospect | None = None
         self.done_at_s: float | None = None
         self.end: Pose | None = None
         self._session = session
@@ -71,6 +74,8 @@ class Airborne:
             CompanionError: the flight broke off.
         """
         vehicle, phases = self._vehicle, self._session.flight
+        if self._operator.stop.is_set():
+            raise InterruptedFlightError("stopped before the take-off; nothing was armed")
         phases.update(PhaseEvent.STARTED)
         self._events.emit(Event.TAKING_OVER if self._operator.in_air else Event.TAKING_OFF)
         try:
@@ -80,9 +85,8 @@ class Airborne:
                 finally:
                     phases.update(PhaseEvent.STOPPED)
                 if not last.hands_off:
-                    holds = self._action(why) == "hold"
-                    await self._while_it_can(vehicle.hold() if holds else vehicle.land())
-                    if self._coming_home is not None and not holds:
+                    await self._while_it_can(vehicle.hold() if self._action(why) == "hold" else vehicle.land())
+                    if self._coming_home is not None:
                         self._coming_home.landed()
         finally:
             if self._is_left():
@@ -102,6 +106,7 @@ class Airborne:
         self._session.flight.update(PhaseEvent.ENGAGED)
         self._events.emit(Event.EXPLORING)
         lookout = Lookout(self._session, self._operator, vehicle, control_loop, self._mapper)
+        self.prospect = lookout.prospect
         why, now = await self._until_the_end(lookout)
         self.explored_s = self._session.clock.now_s() - began_s
         self.done_at_s = round(self.explored_s, 1) if now.complete else None
@@ -115,8 +120,6 @@ class Airborne:
     def _action(self, why: Termination) -> str:
         """What follows the exploring: home, hold or land. What a person asked for goes before the settings."""
         wish, action = self._operator.wish, self._settings.mission.end_action
-        if wish is Wish.HOLD:
-            return "hold"
         if wish is Wish.LAND and why is Termination.STOPPED:
             return "land"
         if wish is Wish.HOME and why is Termination.STOPPED:

@@ -96,6 +96,15 @@ class Event(enum.Enum):
     )
     MAP_TROUBLE = Texts("map: {problem}", "map: {problem}", "map", severity=_WARNING)
     MAP_WELL = Texts("map: in order again", "map: in order again", "map", severity=_NOTICE)
+    LINK_TROUBLE = Texts("link: {text}", kind="link", recorded="{text}", severity=_WARNING)
+    LINK_COMMAND = Texts("{who} over the link: {command}: {answer}", kind="link", severity=_NOTICE)
+    LINK_LOST = Texts(
+        "nobody at the ground was heard for {silent_s:.0f} s: {then}",
+        "link lost: {then}",
+        "link",
+        severity=_WARNING,
+    )
+    LINK_FINISHING = Texts("the ground still fetches what is missing of the map (Ctrl-C: not any more)")
     SENSOR_WARNING = Texts("sensors: {text}", "{text}", "sensors", "{text}", _WARNING)
     AUTOPILOT_TEXT = Texts("autopilot: {text}", kind="statustext", recorded="{text}")
     GATE_NOTICE = Texts("gate: {text}", kind="gate", recorded="{text}", severity=_WARNING)

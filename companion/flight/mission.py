@@ -27,6 +27,7 @@ from companion.flight.coming_home import Homecoming
 from companion.flight.events import Event, EventEmitter, console, recording, status_text
 from companion.flight.gate_client import GateClient
 from companion.flight.gate_socket import GateSocket
+from companion.flight.ground_link import GroundLink, linked
 from companion.flight.mavlink_commands import MavlinkCommands, Refusals
 from companion.flight.navigation_files import EarlierGround, Navigation
 from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands, UnfinishedError
@@ -37,12 +38,14 @@ from companion.flight.preflight.run import checked, passed
 from companion.flight.reporting import TickReporter, map_feed
 from companion.flight.request import FlightRequest
 from companion.flight.session import Session, open_session
+from companion.flight.situation import Situation
 from companion.flight.switch_commands import SwitchCommands
 from companion.flight.tasks import background, first_of
 from companion.flight.termination import Termination
 from companion.flight.warm_up import warm_up
 from companion.gate.runtime.processes import end_with_parent
 from companion.mapping.files.whole import whole_file
+from companion.mapping.journal import JOURNAL_NAME
 from companion.mapping.process.client import MapClient, check_folder
 from companion.mapping.process.messages import MapError
 from companion.model import Pose
@@ -159,15 +162,18 @@ class _Flight:
                 events.emit(Event.MAP_RESUMED, folder=map_folder, chunks=mapper.status.resumed_chunks)
             earlier.tell(events)
             self._gate.has_map(lambda: mapper.status.age_s)
+            situation = self._situation(folder.name, mapper, explorer)
+            link = await self._link(stack, map_folder, situation, mapper, explorer)
             self._record(results)
             results = await self._wait_for_start(results)
             vehicle = Vehicle(session.link, session.telemetry, settings, session.clock)
             reporter = TickReporter(
                 events, self._status_reporter, session.telemetry, mapper, session.flight, session.sink.warnings
             )
-            watchers = (recorder.tick, map_feed(mapper), reporter)
+            watchers = (recorder.tick, map_feed(mapper), reporter, situation)
             control_loop = session.control_loop(explorer, vehicle.send, watchers)
             airborne = Airborne(session, self._operator, vehicle, control_loop, mapper, events)
+            situation.prospect = lambda: airborne.prospect
             broke_off: Exception | None = None
             try:
                 why: str = (await airborne.run()).value
@@ -175,8 +181,11 @@ class _Flight:
                 # The vehicle holds or lands by now; what was flown for must not be lost with the flight.
                 broke_off, why = error, f"broke off: {error}"
                 events.emit(Event.BROKE_OFF, why=why)
+            situation.ended_because = why
             navigation = Navigation.of(explorer.navigator)
             files, problem = await self._save(mapper, navigation, map_folder, folder, earlier.window is not None)
+            if link is not None:
+                await link.finish()
             # Not in the loop: the gate goes on hearing of us.
             on_ground = await asyncio.to_thread(_left_out_on_ground, explorer, airborne.end)
             left_out = merged((*on_ground, *mapper.left_out))
@@ -230,6 +239,34 @@ class _Flight:
             clock=self._session.clock,
         )
 
+    def _situation(self, name: str, mapper: MapClient, explorer: Explorer) -> Situation:
+        session, settings = self._session, self._settings
+        return Situation(
+            settings.link.name,
+            name,
+            settings.control.margin_m,
+            settings.mission.reserve_percent,
+            session.flight,
+            session.telemetry,
+            mapper,
+            explorer,
+            session.clock,
+        )
+
+    async def _link(
+        self, stack: AsyncExitStack, map_folder: Path, situation: Situation, mapper: MapClient, explorer: Explorer
+    ) -> GroundLink | None:
+        """The link to the ground, where there is to be one; it ends with the stack."""
+        session, settings = self._session, self._settings
+        if not settings.link.enabled:
+            return None
+        self._events.add(situation.sink)
+        journal, clock = map_folder / JOURNAL_NAME, session.clock
+        link = GroundLink(
+            settings, journal, situation, explorer, mapper, self._operator, session.flight, self._events, clock
+        )
+        return await stack.enter_async_context(linked(link))
+
     async def _save(
         self, mapper: MapClient, navigation: Navigation, map_folder: Path, folder: Path, goes_on: bool
     ) -> tuple[list[Path], str | None]:
@@ -260,14 +297,19 @@ class _Flight:
         self._events.emit(Event.WAITING)
         self._events.emit(Event.READY_FOR_KEY if start == "key" else Event.READY_FOR_COMMAND)
         with self._operator.enter_key() if start == "key" else nullcontext():
-            starts = (self._operator.start.wait(), *((self._handed_over(),) if start == "command" else ()))
-            for started in await first_of(*starts):
-                started.result()  # what failed is no start
-        if clock.now_s() - checked_s > CHECKS_HOLD_S:
-            self._events.emit(Event.CHECKING_AGAIN)
-            results = await passed(self._session, self._request, self._events, self._operator.in_air)
-            self._record(results)
-        return results
+            while True:
+                starts = (self._operator.start.wait(), *((self._handed_over(),) if start == "command" else ()))
+                for started in await first_of(*starts):
+                    started.result()  # what failed is no start
+                if clock.now_s() - checked_s > CHECKS_HOLD_S:
+                    self._events.emit(Event.CHECKING_AGAIN)
+                    results = await passed(self._session, self._request, self._events, self._operator.in_air)
+                    self._record(results)
+                    checked_s = clock.now_s()
+                if self._operator.start.is_set():
+                    return results
+                # A stop came while it was checked: it takes the start back.
+                self._events.emit(Event.WAITING)
 
     async def _handed_over(self) -> None:
         """Until the autopilot's own mission hands over the vehicle in the air, which is a start."""

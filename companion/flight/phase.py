@@ -35,6 +35,11 @@ class FlightPhase(enum.IntEnum):
         return self >= FlightPhase.TAKING_OFF
 
     @property
+    def in_words(self) -> str:
+        """For people: "taking off"."""
+        return self.name.lower().replace("_", " ")
+
+    @property
     def steered(self) -> bool:
         """Whether the navigator steers: one setpoint a tick."""
         return self in (FlightPhase.EXPLORING, FlightPhase.HOMING)

@@ -19,12 +19,13 @@ LINE_PERIOD_S = 5.0
 MISSING_FOR_S = 0.5
 """Inputs that are missing for longer are an event; a frame that is late is none."""
 
-_MEANING = {
+MEANING = {
     Mode.CIRCLE: "R1 initial circle",
     Mode.TANGENT: "R2 along tangent",
     Mode.BOUNDARY: "R3 along the wall",
     Mode.HOLD: "hold",
 }
+"""Modes of the navigator in words."""
 
 
 def map_feed(mapper: MapClient) -> Watcher:
@@ -92,7 +93,7 @@ class TickReporter:
         self._watch_inputs(tick)
         if tick.mode is not self._mode and not tick.missing:
             self._mode = tick.mode
-            self._emit(Event.NAVIGATOR_MODE, mode=_MEANING[tick.mode])
+            self._emit(Event.NAVIGATOR_MODE, mode=MEANING[tick.mode])
         if self._began_s is None:
             self._began_s = tick.t_s
         if tick.t_s >= self._next_line_s:
@@ -143,7 +144,7 @@ class TickReporter:
         measurement, status = tick.measurement, self._mapper.status
         d_m = None if measurement is None else measurement.d_m
         h_m = None if measurement is None else measurement.h_m
-        what = f"stopped, no {', '.join(tick.missing)}" if tick.missing else _MEANING[tick.mode]
+        what = f"stopped, no {', '.join(tick.missing)}" if tick.missing else MEANING[tick.mode]
         return (
             f"{int(flown_s) // 60}:{int(flown_s) % 60:02d} min  {what}, d {_metres(d_m)}, h {_metres(h_m)}, "
             f"map {status.completeness:.0%} (estimate), frontiers {status.frontiers}"

@@ -38,6 +38,12 @@ def fly(
         bool,
         typer.Option("--real", help="The autopilot that PX4_BINARY or ARDUCOPTER_BINARY names, not the stub."),
     ] = False,
+    link: Annotated[
+        str | None,
+        typer.Option(
+            "--link", metavar="ENDPOINT", help="Let the ground watch and command here, such as tcp/127.0.0.1:7447."
+        ),
+    ] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="New folder; else one under runs/.")] = None,
 ) -> None:
     """Fly the application over MAVLink in real time: autopilot, world, gate and application as processes of their own.
@@ -64,6 +70,7 @@ def fly(
         time_limit_s=time_limit,
         autopilot=() if boot_s is None else ("--boot-s", f"{boot_s:g}"),
         real=find(personality) if real else None,
+        settings=None if link is None else {"link": {"enabled": True, "listen": [link]}},
     )
     typer.echo("starting the autopilot and the world (the first time on a computer takes about a minute)")
     with Crew(plan) as crew:

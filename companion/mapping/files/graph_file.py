@@ -142,6 +142,12 @@ def write_graph(graph: Graph, path: Path, origin_m: Sequence[float] = (0.0, 0.0,
     Raises:
         OSError: it cannot be written; what was there before still is.
     """
+    with whole_file(path) as out:
+        out.write(graph_content(graph, origin_m))
+
+
+def graph_content(graph: Graph, origin_m: Sequence[float] = (0.0, 0.0, 0.0)) -> bytes:
+    """What `write_graph` writes."""
     file = _File(
         origin_m=(float(origin_m[0]), float(origin_m[1]), float(origin_m[2])),
         left_out=graph.left_out,
@@ -154,8 +160,7 @@ def write_graph(graph: Graph, path: Path, origin_m: Sequence[float] = (0.0, 0.0,
     head = file.model_dump(mode="json")
     # A line for each feature: people look into it, and differences between two stay readable.
     features = ",\n".join(json.dumps(_rounded(feature)) for feature in head.pop("features"))
-    with whole_file(path) as out:
-        out.write(f'{json.dumps(head)[:-1]}, "features": [\n{features}\n]}}\n'.encode())
+    return f'{json.dumps(head)[:-1]}, "features": [\n{features}\n]}}\n'.encode()
 
 
 def read_graph(path: Path) -> Graph:
@@ -167,9 +172,20 @@ def read_graph(path: Path) -> Graph:
     try:
         if path.stat().st_size > MOST_BYTES:
             raise InputError(f"{path}: is larger than {MOST_BYTES / 1e6:.0f} MB: no flight makes such a graph")
-        file = _File.model_validate_json(path.read_bytes(), strict=True)
+        content = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}") from None
+    return parse_graph(content, str(path))
+
+
+def parse_graph(content: bytes, path: str) -> Graph:
+    """The graph in the content of such a file; ``path`` is named in what is wrong with it.
+
+    Raises:
+        InputError: it is not one that can be.
+    """
+    try:
+        file = _File.model_validate_json(content, strict=True)
     except ValidationError as error:
         raise InputError(f"{path}: {_first_problem(error)}") from None
     features = file.features

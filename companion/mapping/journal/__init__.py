@@ -7,6 +7,7 @@ a reader's view of the moment when it was opened. A journal that is damaged give
 
 from __future__ import annotations
 
+from companion.mapping.journal.following import JournalFollower
 from companion.mapping.journal.header import Header, JournalError
 from companion.mapping.journal.segment import Loss
 from companion.mapping.journal.store import Journal
@@ -15,4 +16,4 @@ JOURNAL_SUFFIX = ".journal"
 JOURNAL_NAME = f"map{JOURNAL_SUFFIX}"
 """Where a mission's folder keeps its map."""
 
-__all__ = ["JOURNAL_NAME", "JOURNAL_SUFFIX", "Header", "Journal", "JournalError", "Loss"]
+__all__ = ["JOURNAL_NAME", "JOURNAL_SUFFIX", "Header", "Journal", "JournalError", "JournalFollower", "Loss"]

@@ -203,6 +203,11 @@ class Segment:
             raise
         self.safe_end = end
 
+    @property
+    def size_bytes(self) -> int:
+        """Of the file now; another process may be writing it."""
+        return os.fstat(self._descriptor).st_size
+
     def read(self, offset: int, size_bytes: int) -> bytes:
         """Some bytes, fewer at the end of the file; nothing where the disk cannot be read."""
         try:
@@ -212,7 +217,7 @@ class Segment:
 
     def read_all(self) -> bytes:
         """The whole file, with zeros where the disk cannot be read."""
-        size = os.fstat(self._descriptor).st_size
+        size = self.size_bytes
         data = bytearray(size)
         for at in range(0, size, _READ_BYTES):
             end = min(at + _READ_BYTES, size)

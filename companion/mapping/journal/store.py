@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Self
@@ -186,6 +186,26 @@ class Journal:
             chunks = piece.chunks[first : first + _BATCH]
             data, sizes = packed(chunks, piece.values[first : first + _BATCH])
             self._write(keys_of(chunks), data, sizes)
+
+    def append_records(self, records: Sequence[bytes]) -> NDArray[np.int64]:
+        """Take chunks as records of another journal, byte for byte: (n,) their keys. They survive as of `append`.
+
+        Args:
+            records: as `JournalFollower.records` gives them; of a chunk that occurs twice the last one counts.
+
+        Raises:
+            ValueError: one of them is no whole record of a chunk; nothing was taken.
+            OSError: the disk is full or broken; nothing was taken.
+        """
+        keys = np.empty(len(records), np.int64)
+        for number, data in enumerate(records):
+            record = record_at(data, 0)
+            if record is None or record.size_bytes != len(data):
+                raise ValueError("what came is no whole record of a journal")
+            keys[number] = chunk_key.py_func(*record.chunk)
+        if len(records):
+            self._write(keys, b"".join(records), np.array([len(data) for data in records], np.int64))
+        return keys
 
     def append_all(self, source: MapSource, taken: Callable[[int], None] = lambda _: None) -> None:
         """Take a whole map, piece by piece, so that it need not fit into memory.

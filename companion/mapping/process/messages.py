@@ -109,6 +109,7 @@ class MapStatus:
         completeness: an estimate from 0 to 1 of how much of the map is there (`Survey.completeness`).
         word: what the map says to `Completion`; None while it knows nothing, or its process is dead or silent.
         frontiers: how many are left.
+        frontiers_m: a place on each, those that count first; not more than `MOST_FRONTIERS`.
         survey_s: how long the last look for frontiers took.
         frame_ms: what one image takes, the median of the last ones.
         chunks: chunks of the map, in memory and on the disk.
@@ -133,6 +134,7 @@ class MapStatus:
     completeness: float = 0.0
     word: MapWord | None = None
     frontiers: int = 0
+    frontiers_m: tuple[tuple[float, float, float], ...] = ()
     survey_s: float = 0.0
     frame_ms: float = 0.0
     chunks: int = 0

@@ -295,6 +295,7 @@ class MapServer:
                 completeness=0.0 if found is None else found.completeness,
                 word=None if found is None else found.word(self._reach),
                 frontiers=0 if found is None else len(found.frontiers_m),
+                frontiers_m=() if found is None else _places(found),
                 survey_s=self._survey_s,
                 frame_ms=1000.0 * median(self._took_s) if self._took_s else 0.0,
                 chunks=voxels.chunks,
@@ -303,3 +304,8 @@ class MapServer:
                 problem=voxels.problem,
             )
         )
+
+
+def _places(found: Survey) -> tuple[tuple[float, float, float], ...]:
+    """A place on each frontier that counts."""
+    return tuple((one.x_m, one.y_m, one.z_m) for one in found.frontiers[: len(found.frontiers_m)])

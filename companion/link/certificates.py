@@ -1,0 +1,356 @@
+"""Certificates of the link: who is a vehicle, who may watch, who may command, and who no longer may.
+
+An authority of one's own signs them all; nobody else's is trusted. A certificate's common name is the name and its
+serial number (``anna.3f2a``), so that one that is revoked and one that is made after it can be told apart; its
+organizational unit is the role. What is revoked stands in a list (CRL) that the authority has signed.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Literal, Self
+
+from cryptography import x509
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from companion.config.link import is_name
+from companion.errors import InputError
+
+Role = Literal["vehicle", "watch", "command"]
+
+AUTHORITY_CERTIFICATE, AUTHORITY_KEY = "authority.pem", "authority.key"
+OWN_CERTIFICATE, OWN_KEY = "own.pem", "own.key"
+REVOKED = "revoked.crl"
+ISSUED = "issued"
+
+VALID_FOR = timedelta(days=3653)
+VALID_FROM = datetime(1970, 1, 1, tzinfo=UTC)
+"""A vehicle's computer without a battery for its clock begins here, and underground nobody tells it the time."""
+
+_SIGNING = ec.ECDSA(hashes.SHA256())
+
+
+class Authority:
+    """The folder of an authority: its key makes certificates, so it is kept where no vehicle and no guest gets it.
+
+    Args:
+        folder: where it is.
+
+    Raises:
+        InputError: there is none, or it cannot be read.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._certificate = _certificate(folder / AUTHORITY_CERTIFICATE)
+        self._key = _key(folder / AUTHORITY_KEY)
+
+    @classmethod
+    def make(cls, folder: Path) -> Self:
+        """A new one.
+
+        Raises:
+            InputError: there is one already, or the folder cannot be written.
+        """
+        if (folder / AUTHORITY_KEY).exists():
+            raise InputError(f"{folder}: holds an authority already; every certificate that it has made would be void")
+        key = ec.generate_private_key(ec.SECP256R1())
+        name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "companion link authority")])
+        certificate = (
+            _builder(name, name, key.public_key())
+            .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+            .add_extension(_usage(signs=True), critical=True)
+            .sign(key, hashes.SHA256())
+        )
+        _write_key(folder / AUTHORITY_KEY, key)
+        _write(folder / AUTHORITY_CERTIFICATE, certificate.public_bytes(serialization.Encoding.PEM))
+        made = cls(folder)
+        made._write_revoked(())
+        return made
+
+    def issue(self, name: str, role: Role, out: Path) -> None:
+        """A certificate and its key, with all that its owner needs, in a new folder.
+
+        Raises:
+            InputError: the name cannot be, is in use, or the folder is not empty or cannot be written.
+        """
+        if not is_name(name):
+            raise InputError(f"{name!r} is no name: 1 to 32 letters, digits, - or _, the first a letter or digit")
+        if any(one.name == name and not one.is_revoked for one in self.issued()):
+            raise InputError(f"{name} has a certificate already: revoke that one first, or give another name")
+        if out.exists() and any(out.iterdir()):
+            raise InputError(f"{out}: is not empty; give a new folder")
+        key, serial = ec.generate_private_key(ec.SECP256R1()), x509.random_serial_number()
+        subject = x509.Name(
+            [
+                x509.NameAttribute(NameOID.COMMON_NAME, f"{name}.{serial % 2**32:08x}"),
+                x509.NameAttribute(NameOID.ORGANIZATIONAL_UNIT_NAME, role),
+            ]
+        )
+        both = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
+        certificate = (
+            _builder(subject, self._certificate.subject, key.public_key(), serial)
+            .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+            .add_extension(_usage(signs=False), critical=True)
+            .add_extension(x509.ExtendedKeyUsage(both), critical=False)
+            .add_extension(x509.SubjectAlternativeName([x509.DNSName(name.replace("_", "-"))]), critical=False)
+            .sign(self._key, hashes.SHA256())
+        )
+        pem = certificate.public_bytes(serialization.Encoding.PEM)
+        # On record first: nobody may have a certificate that cannot be revoked.
+        _write(self._folder / ISSUED / f"{name}.{serial:x}.pem", pem)
+        _write(out / OWN_CERTIFICATE, pem)
+        _write_key(out / OWN_KEY, key)
+        for copied in (AUTHORITY_CERTIFICATE, REVOKED):
+            _write(out / copied, _read(self._folder / copied))
+
+    def issued(self) -> list[Issued]:
+        """Every certificate that was made, in the order of the names.
+
+        Raises:
+            InputError: one cannot be read.
+        """
+        revoked = {one.serial_number for one in self._revoked()}
+        found = []
+        for path in sorted((self._folder / ISSUED).glob("*.pem")):
+            certificate = _certificate(path)
+            name, role = holder(certificate)
+            found.append(Issued(name, role, certificate.serial_number, certificate.serial_number in revoked))
+        return found
+
+    def revoke(self, name: str) -> None:
+        """Whoever has a certificate of this name is no longer trusted, once the list is on the vehicles.
+
+        Raises:
+            InputError: nobody has one.
+        """
+        serials = [one.serial for one in self.issued() if one.name == name and not one.is_revoked]
+        if not serials:
+            raise InputError(f"nobody called {name} has a certificate that is valid: see `companion keys list`")
+        self._write_revoked((*(one.serial_number for one in self._revoked()), *serials))
+
+    def _revoked(self) -> x509.CertificateRevocationList:
+        return _revoked(self._folder / REVOKED, self._certificate)
+
+    def _write_revoked(self, serials: Sequence[int]) -> None:
+        now = datetime.now(UTC)
+        builder = x509.CertificateRevocationListBuilder(
+            self._certificate.subject, last_update=now, next_update=now + VALID_FOR
+        )
+        for serial in serials:
+            one = x509.RevokedCertificateBuilder(serial_number=serial, revocation_date=now).build()
+            builder = builder.add_revoked_certificate(one)
+        data = builder.sign(self._key, hashes.SHA256()).public_bytes(serialization.Encoding.PEM)
+        _write(self._folder / REVOKED, data)
+
+
+@dataclass(frozen=True, slots=True)
+class Issued:
+    """A certificate that was made: whose, for what, its number, and whether it is revoked."""
+
+    name: str
+    role: str
+    serial: int
+    is_revoked: bool
+
+
+class Certificates:
+    """What a vehicle or an operator was given: a folder that `Authority.issue` has made.
+
+    Args:
+        folder: where it is.
+
+    Attributes:
+        name: whose.
+        role: what for.
+
+    Raises:
+        InputError: something is missing, or does not fit together.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.authority = _certificate(folder / AUTHORITY_CERTIFICATE)
+        self._own = _certificate(folder / OWN_CERTIFICATE)
+        self._own_key = _key(folder / OWN_KEY)
+        self.name, self.role = holder(self._own)
+        if self._own.public_key() != self._own_key.public_key():
+            raise InputError(f"{folder}: {OWN_KEY} is not the key of {OWN_CERTIFICATE}; give the folder as it was made")
+        if not _is_issued(self._own, self.authority):
+            raise InputError(f"{folder}: {OWN_CERTIFICATE} is not of the authority of {AUTHORITY_CERTIFICATE}")
+        self._revoked_at = (-1, -1)
+        self._revoked: dict[int, str] = {}
+        self.revoked()
+
+    @property
+    def certificate(self) -> str:
+        """One's own, PEM."""
+        return self._own.public_bytes(serialization.Encoding.PEM).decode()
+
+    def revoked(self) -> set[int]:
+        """Serial numbers of what is revoked; the list is read again when it is another one.
+
+        Raises:
+            InputError: it is missing, or not the authority's.
+        """
+        path = self.folder / REVOKED
+        try:
+            state = path.stat()
+        except OSError as error:
+            raise InputError(f"{path}: {error.strerror}; copy it from the folder of the authority") from None
+        at = (state.st_mtime_ns, state.st_size)
+        if at != self._revoked_at:
+            self._revoked = {one.serial_number: "" for one in _revoked(path, self.authority)}
+            self._revoked_at = at
+        return set(self._revoked)
+
+    def sign(self, text: str) -> str:
+        """A signature of a text, hexadecimal."""
+        return self._own_key.sign(text.encode(), _SIGNING).hex()
+
+
+def signed_by(pem: str, text: str, signature: str, trusted: Certificates) -> tuple[str, str]:
+    """Whose certificate it is that a text was signed with, and the role.
+
+    Raises:
+        InputError: nobody's that is trusted; the message says why.
+    """
+    if not pem:
+        raise InputError("it is not signed")
+    try:
+        certificate = x509.load_pem_x509_certificate(pem.encode())
+        name, role = holder(certificate)
+    except ValueError:
+        raise InputError("its certificate is none") from None
+    if not _is_issued(certificate, trusted.authority):
+        raise InputError("its certificate is not of this vehicle's authority")
+    if certificate.not_valid_after_utc < datetime.now(UTC):
+        raise InputError(f"the certificate of {name} has expired: make another")
+    if certificate.serial_number in trusted.revoked():
+        raise InputError(f"the certificate of {name} was revoked")
+    key = certificate.public_key()
+    try:
+        if not isinstance(key, ec.EllipticCurvePublicKey):
+            raise InvalidSignature
+        key.verify(bytes.fromhex(signature), text.encode(), _SIGNING)
+    except (InvalidSignature, ValueError):
+        raise InputError(f"its signature is not that of {name}") from None
+    return name, role
+
+
+def holder(certificate: x509.Certificate) -> tuple[str, str]:
+    """Name and role in a certificate.
+
+    Raises:
+        InputError: it is none of ours.
+    """
+    names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    roles = certificate.subject.get_attributes_for_oid(NameOID.ORGANIZATIONAL_UNIT_NAME)
+    name, role = str(names[0].value if names else "").partition(".")[0], str(roles[0].value if roles else "")
+    if not is_name(name) or role not in ("vehicle", "watch", "command"):
+        raise InputError("a certificate names nobody of the link: make it with `companion keys`")
+    return name, role
+
+
+def common_names(folder: Path, serials: set[int]) -> list[str]:
+    """Of the certificates with these numbers in the folder of an authority."""
+    return [path.name for path in sorted(folder.glob("*.pem")) if _certificate(path).serial_number in serials]
+
+
+def _is_issued(certificate: x509.Certificate, authority: x509.Certificate) -> bool:
+    try:
+        certificate.verify_directly_issued_by(authority)
+    except (ValueError, TypeError, InvalidSignature):
+        return False
+    return True
+
+
+def _builder(
+    subject: x509.Name, issuer: x509.Name, key: ec.EllipticCurvePublicKey, serial: int | None = None
+) -> x509.CertificateBuilder:
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(key)
+        .serial_number(x509.random_serial_number() if serial is None else serial)
+        .not_valid_before(VALID_FROM)
+        .not_valid_after(datetime.now(UTC) + VALID_FOR)
+    )
+
+
+def _usage(*, signs: bool) -> x509.KeyUsage:
+    return x509.KeyUsage(
+        digital_signature=not signs,
+        key_cert_sign=signs,
+        crl_sign=signs,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        encipher_only=False,
+        decipher_only=False,
+    )
+
+
+def _revoked(path: Path, authority: x509.Certificate) -> x509.CertificateRevocationList:
+    try:
+        found = x509.load_pem_x509_crl(_read(path))
+    except ValueError:
+        raise InputError(
+            f"{path}: is no list of revoked certificates; copy it from the folder of the authority"
+        ) from None
+    key = authority.public_key()
+    if not isinstance(key, ec.EllipticCurvePublicKey) or not found.is_signature_valid(key):
+        raise InputError(f"{path}: the authority has not signed it; copy it from the folder of the authority")
+    return found
+
+
+def _certificate(path: Path) -> x509.Certificate:
+    try:
+        return x509.load_pem_x509_certificate(_read(path))
+    except ValueError:
+        raise InputError(f"{path}: is no certificate; make it with `companion keys`") from None
+
+
+def _key(path: Path) -> ec.EllipticCurvePrivateKey:
+    try:
+        key = serialization.load_pem_private_key(_read(path), None)
+    except (ValueError, TypeError):
+        key = None
+    if not isinstance(key, ec.EllipticCurvePrivateKey):
+        raise InputError(f"{path}: is no key of the link; make it with `companion keys`")
+    return key
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}; make it with `companion keys`") from None
+
+
+def _write_key(path: Path, key: ec.EllipticCurvePrivateKey) -> None:
+    encoding, form = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8
+    _write(path, key.private_bytes(encoding, form, serialization.NoEncryption()), 0o600)
+
+
+def _write(path: Path, data: bytes, mode: int = 0o644) -> None:
+    """Whole or not at all, and what is secret never readable by others."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        new = path.with_name(f".{path.name}.new")
+        descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, mode)
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(data)
+            os.fsync(file.fileno())
+        new.replace(path)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}; give a folder that you may write") from None

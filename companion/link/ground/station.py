@@ -1,0 +1,97 @@
+"""The ground's end of the link: every vehicle that is heard, as `companion.ground` wants them."""
+
+from __future__ import annotations
+
+import logging
+import secrets
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Self
+
+import zenoh
+
+from companion.config.link import is_encrypted, is_loopback, is_name
+from companion.errors import InputError
+from companion.link.ground.signing import Signer
+from companion.link.ground.vehicle import LinkedVehicle
+from companion.link.session import close_session, open_session
+from companion.link.wire import Report, WireError, decoded, telemetry_topic
+
+MOST_VEHICLES = 32
+
+_log = logging.getLogger(__name__)
+
+
+class LinkStation:
+    """A `Station` over the link; a context manager.
+
+    Args:
+        folder: in it each vehicle gets a folder, and in that each of its maps one with a journal. What is there already
+            is gone on from.
+        listen: endpoints at which vehicles are waited for.
+        connect: endpoints of vehicles; tried again for ever.
+        name: of the operator.
+
+    Raises:
+        InputError: an endpoint can be reached by anybody, and nothing would prove who is there.
+        LinkError: an endpoint cannot be listened at.
+    """
+
+    def __init__(
+        self, folder: Path, listen: Sequence[str] = (), connect: Sequence[str] = (), name: str = "operator"
+    ) -> None:
+        for endpoint in (*listen, *connect):
+            if not is_encrypted(endpoint) and not is_loopback(endpoint):
+                raise InputError(f"{endpoint}: only loopback (127.0.0.1) goes without certificates; use tls/ or quic/")
+        self._folder = folder
+        self._signer = Signer(name)
+        self._by = secrets.token_hex(8)
+        self._lock = threading.Lock()
+        self._vehicles: dict[str, LinkedVehicle] = {}
+        self._session = open_session(listen, connect)
+        for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+            if path.is_dir() and is_name(path.name):
+                self._vehicle(path.name)
+        self._subscriber = self._session.declare_subscriber(telemetry_topic("*"), self._on_telemetry)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close it."""
+        self.close()
+
+    def close(self) -> None:
+        """End the link; every copy is kept."""
+        with self._lock:
+            vehicles = list(self._vehicles.values())
+        for vehicle in vehicles:
+            vehicle.close()
+        close_session(self._session)
+
+    def vehicles(self) -> Sequence[LinkedVehicle]:
+        """Every vehicle that was ever heard of, in the order of their names."""
+        with self._lock:
+            return [self._vehicles[name] for name in sorted(self._vehicles)]
+
+    def _vehicle(self, name: str) -> LinkedVehicle | None:
+        with self._lock:
+            if name not in self._vehicles and len(self._vehicles) < MOST_VEHICLES:
+                folder = self._folder / name
+                self._vehicles[name] = LinkedVehicle(name, folder, self._session, self._by, self._signer)
+            return self._vehicles.get(name)
+
+    def _on_telemetry(self, sample: zenoh.Sample) -> None:
+        """In a thread of Zenoh's."""
+        try:
+            report = decoded(Report, sample.payload.to_bytes())
+            name = report.telemetry.vehicle
+            if not is_name(name) or str(sample.key_expr) != telemetry_topic(name):
+                raise WireError(f"telemetry of {name[:32]!r} came as that of another")
+        except WireError as error:
+            _log.warning("what came is left: %s", error)
+            return
+        vehicle = self._vehicle(name)
+        if vehicle is not None:
+            vehicle.heard(report)

@@ -1,0 +1,298 @@
+"""The process of the link: tells the ground how the flight stands, answers about the map, and takes commands.
+
+Three threads: this one speaks with the application; Zenoh's own hand over what comes, and a command goes on to the
+application from there at once, before everything else; one answers about the map, as fast as the limit of bandwidth
+lets it.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import secrets
+import select
+import socket
+import threading
+import zlib
+from pathlib import Path
+from queue import Empty, Full, Queue
+
+import numpy as np
+import zenoh
+
+from companion.clock import MonotonicClock
+from companion.config.link import LinkSettings
+from companion.errors import CompanionError
+from companion.gate.runtime.processes import end_with_parent
+from companion.link.map_wire import answer, read_ask
+from companion.link.session import close_session, open_session
+from companion.link.vehicle.bandwidth import Bandwidth
+from companion.link.vehicle.guard import CommandGuard, RefusedError, by_its_word
+from companion.link.vehicle.listeners import Listeners
+from companion.link.vehicle.map_teller import MapTeller
+from companion.link.vehicle.pipe import Kind, receive, send
+from companion.link.wire import (
+    Report,
+    command_topic,
+    decoded,
+    encoded,
+    map_topic,
+    telemetry_topic,
+)
+from companion.link.words import Answer, Telemetry
+from companion.mapping.process.supervisor import ignore_the_terminal
+
+LINK_NICENESS = 5
+"""The link yields to the control tick, and the map to the link: a stop comes through it."""
+
+LOOK_PERIOD_S = 0.1
+BEAT_PERIOD_S = 0.5
+FOLLOW_PERIOD_S = 0.4
+
+MOST_WAITING = 32
+"""Questions about the map that wait; of more than these the newest get no answer, and are asked again."""
+
+MOST_PENDING = 16
+"""Orders that the application has not answered yet."""
+
+ANSWER_TIMEOUT_S = 2.0
+
+TELEMETRY_SHARE = 0.25
+"""Of the bandwidth; it comes less often where more would be needed."""
+
+ANSWER_S = 0.3
+"""An answer about the map takes no more than this of the bandwidth: telemetry has to wait for its end."""
+
+WAY_STEP_M = 0.2
+MOST_WAY = 50_000
+
+_log = logging.getLogger(__name__)
+
+
+def serve(end: socket.socket, settings: LinkSettings, journal: Path) -> None:
+    """Be the link until the application ends it, or is gone."""
+    ignore_the_terminal()
+    end_with_parent(None)
+    os.nice(LINK_NICENESS)
+    logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+    try:
+        process = LinkProcess(end, settings, journal)
+    except CompanionError as error:
+        send(end, Kind.TROUBLE, str(error).encode())
+        return
+    try:
+        process.run()
+    finally:
+        process.close()
+
+
+class LinkProcess:
+    """Everything of the process.
+
+    Args:
+        end: of the socket pair, to the application.
+        settings: of the link.
+        journal: folder of the map's journal.
+
+    Raises:
+        LinkError: the session cannot be opened.
+    """
+
+    def __init__(self, end: socket.socket, settings: LinkSettings, journal: Path) -> None:
+        self._end = end
+        self._settings = settings
+        self._clock = MonotonicClock()
+        self._session_id = secrets.token_hex(8)
+        self._teller = MapTeller(self._session_id, journal, self._clock)
+        self._guard = CommandGuard(settings.name, self._session_id, settings.oldest_command_s, by_its_word)
+        self._bandwidth = Bandwidth(settings.limit_kbps, self._clock.now_s())
+        self._listeners = Listeners()
+        self._guarded = threading.Lock()
+        """Over guard, pending orders, bandwidth and listeners."""
+        self._pending: dict[str, tuple[zenoh.Query, float]] = {}
+        self._asked: Queue[zenoh.Query] = Queue(MOST_WAITING)
+        self._closing = threading.Event()
+        self._drawing = 0
+        self._last_place: tuple[float, float, float] | None = None
+        self._next_telemetry_s = self._next_beat_s = -math.inf
+        self._end_s: float | None = None
+        self._has_read_all = False
+        """Whether the journal was read to its end after the flight."""
+        self._zenoh = open_session(settings.listen, settings.connect)
+        name = settings.name
+        self._publisher = self._zenoh.declare_publisher(
+            telemetry_topic(name),
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.INTERACTIVE_HIGH,
+            express=True,
+        )
+        self._commands = self._zenoh.declare_queryable(command_topic(name), self._on_command)
+        self._map = self._zenoh.declare_queryable(map_topic(name), self._on_ask)
+        self._worker = threading.Thread(target=self._tell_map, name="map", daemon=True)
+        self._worker.start()
+
+    def run(self) -> None:
+        """Until the application is gone, or the flight is over and the ground has everything."""
+        while True:
+            select.select([self._end], [], [], LOOK_PERIOD_S)
+            now_s = self._clock.now_s()
+            try:
+                while (packet := receive(self._end)) is not None:
+                    self._on_packet(*packet)
+            except EOFError:
+                return
+            self._give_up_late(now_s)
+            if now_s >= self._next_beat_s:
+                self._next_beat_s = now_s + BEAT_PERIOD_S
+                with self._guarded:
+                    silent_s = self._listeners.silent_s(now_s)
+                send(self._end, Kind.BEAT, f"{silent_s:.2f}".encode())
+            if self._end_s is not None and self._is_over(now_s):
+                return
+
+    def close(self) -> None:
+        """End the threads and the session."""
+        self._closing.set()
+        self._worker.join(2.0)
+        close_session(self._zenoh)
+        self._teller.close()
+
+    def _is_over(self, now_s: float) -> bool:
+        with self._guarded:
+            has_all = self._has_read_all and self._listeners.have_all(now_s)
+            return has_all or now_s - (self._end_s or 0.0) > self._settings.finish_s
+
+    def _on_packet(self, kind: Kind, data: bytes) -> None:
+        match kind:
+            case Kind.TELEMETRY:
+                self._publish(data)
+            case Kind.DRAWING:
+                if (drawing := zlib.decompress(data)) != self._teller.drawing:
+                    self._teller.drawing = drawing
+                    self._drawing += 1
+            case Kind.ANSWER:
+                self._reply(data[:32].decode(), decoded(Answer, data[32:]))
+            case Kind.END:
+                self._end_s = self._clock.now_s()
+            case _:
+                _log.error("the application sent what only the link sends: %s", kind.name)
+
+    def _publish(self, data: bytes) -> None:
+        telemetry = decoded(Telemetry, data)
+        self._follow_way(telemetry)
+        now_s = self._clock.now_s()
+        if now_s < self._next_telemetry_s:
+            return
+        message = encoded(Report(self._session_id, now_s, self._teller.map, self._drawing, telemetry))
+        with self._guarded:
+            self._bandwidth.take(len(message), now_s)
+        slowest_s = len(message) / (TELEMETRY_SHARE * self._bandwidth.bytes_per_s)
+        # A little less than the period: what comes a moment early must not be left out.
+        self._next_telemetry_s = now_s + max(0.9 / self._settings.telemetry_hz, slowest_s)
+        self._publisher.put(message)
+
+    def _follow_way(self, telemetry: Telemetry) -> None:
+        if telemetry.x_m is None or telemetry.y_m is None or telemetry.z_m is None:
+            return
+        place, last = (telemetry.x_m, telemetry.y_m, telemetry.z_m), self._last_place
+        if (last is None or math.dist(place, last) >= WAY_STEP_M) and len(self._teller.way) < MOST_WAY:
+            self._last_place = place
+            self._teller.way = np.concatenate([self._teller.way, np.array([place], np.float32)])
+
+    # Commands.
+
+    def _on_command(self, query: zenoh.Query) -> None:
+        """In a thread of Zenoh's."""
+        data, now_s = _payload(query), self._clock.now_s()
+        with self._guarded:
+            try:
+                order, known, is_new = self._guard.check(data, now_s)
+                if is_new and len(self._pending) >= MOST_PENDING:
+                    raise RefusedError("the application has not answered the commands before it")
+            except RefusedError as refusal:
+                self._refuse(query, str(refusal))
+                return
+            self._listeners.heard(order.by, now_s)
+            if known is not None:
+                self._answer(query, known)
+                return
+            # One that comes again before it was answered is answered instead of the first.
+            self._pending[order.id] = (query, now_s + ANSWER_TIMEOUT_S)
+        if is_new and not send(self._end, Kind.ORDER, encoded(order)):
+            self._reply(order.id, Answer(accepted=False, reason="the application does not take commands now"))
+
+    def _refuse(self, query: zenoh.Query, reason: str) -> None:
+        _log.warning("a command was refused: %s", reason)
+        send(self._end, Kind.REFUSED, reason.encode())
+        self._answer(query, Answer(accepted=False, reason=reason))
+
+    def _reply(self, id_: str, reply: Answer) -> None:
+        with self._guarded:
+            self._guard.answered(id_, reply)
+            query, _ = self._pending.pop(id_, (None, 0.0))
+        if query is not None:
+            self._answer(query, reply)
+
+    def _answer(self, query: zenoh.Query, reply: Answer) -> None:
+        message = encoded(reply)
+        self._bandwidth.take(len(message), self._clock.now_s())
+        with query:
+            query.reply(command_topic(self._settings.name), message, express=True)
+
+    def _give_up_late(self, now_s: float) -> None:
+        with self._guarded:
+            late = [id_ for id_, (_, give_up_s) in self._pending.items() if now_s > give_up_s]
+        for id_ in late:
+            self._reply(id_, Answer(accepted=False, reason=f"the application did not answer in {ANSWER_TIMEOUT_S:g} s"))
+
+    # The map.
+
+    def _on_ask(self, query: zenoh.Query) -> None:
+        """In a thread of Zenoh's."""
+        try:
+            self._asked.put_nowait(query)
+        except Full:
+            with query:
+                _log.debug("a question about the map finds too many before it")
+
+    def _tell_map(self) -> None:
+        next_follow_s = -math.inf
+        while not self._closing.is_set():
+            try:
+                if self._clock.now_s() >= next_follow_s:
+                    next_follow_s = self._clock.now_s() + FOLLOW_PERIOD_S
+                    is_over = self._end_s is not None
+                    if self._teller.follow():
+                        next_follow_s = -math.inf
+                        with self._guarded:
+                            self._listeners.there_is_more()
+                    self._has_read_all = is_over and next_follow_s > 0.0
+                with self._asked.get(timeout=LOOK_PERIOD_S if next_follow_s > 0.0 else 0.0) as query:
+                    self._tell(query)
+            except Empty:
+                continue
+            except (CompanionError, OSError, zenoh.ZError) as error:
+                # Whatever it is, the ground asks again, and commands do not come through here.
+                _log.warning("the ground's question about the map got no answer: %s", error)
+                next_follow_s = self._clock.now_s() + BEAT_PERIOD_S
+
+    def _tell(self, query: zenoh.Query) -> None:
+        ask = read_ask(_payload(query))
+        most_bytes = min(ask.most_bytes, max(2_000, int(ANSWER_S * self._bandwidth.bytes_per_s)))
+        told, body = self._teller.tell(ask.within(most_bytes))
+        message = answer(told, body)
+        with self._guarded:
+            now_s = self._clock.now_s()
+            is_all = None
+            if ask.what == "chunks":
+                is_all = told.epoch == ask.epoch and ask.after == told.head
+            self._listeners.heard(ask.by, now_s, is_all)
+            wait_s = self._bandwidth.take(len(message), now_s)
+        if wait_s > 0.0:
+            self._closing.wait(wait_s)
+        query.reply(map_topic(self._settings.name), message)
+
+
+def _payload(query: zenoh.Query) -> bytes:
+    return b"" if query.payload is None else query.payload.to_bytes()
