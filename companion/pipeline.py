@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.config.settings import Settings
+from companion.control.fleet import Fleet
 from companion.control.known_ground import Outlook
 from companion.control.navigator import Navigator
+from companion.control.separation import Separation, Spacing
 from companion.model import Input, Measurement, Mode, Observation, Setpoint
 from companion.perception import Extractor
 
@@ -77,6 +79,37 @@ class Tick:
         if self.observation is None or self.measurement is None:
             raise ValueError(f"the tick at {self.t_s} s had no pose")
         return self.observation, self.measurement
+
+
+def spacing(settings: Settings) -> Spacing:
+    """How far from each other vehicles with these settings are to be."""
+    fleet, control = settings.fleet, settings.control
+    layer_m = fleet.tunnel_height_m / (fleet.largest_group + 1)
+    return Spacing(
+        apart_m=control.vertical_margin_m,
+        keep_m=2.0 * settings.vehicle.body_radius_m + fleet.margin_m,
+        speed_mps=control.speed_mps,
+        reaction_s=control.governor.reaction_s,
+        brake_mps2=control.governor.brake_mps2,
+        slope=settings.sensors.scan.max_ground_slope,
+        lowest_m=layer_m,
+        highest_m=fleet.largest_group * layer_m,
+    )
+
+
+def fleet_of(settings: Settings, own_id: int) -> tuple[Fleet, Separation]:
+    """What a vehicle with these settings knows of others, and what keeps it apart from them.
+
+    Whoever has to brake for another one is in a group with it, however small d_r is: only so do they come apart.
+    """
+    apart = spacing(settings)
+    fleet = Fleet(
+        own_id,
+        group_range_m=max(settings.fleet.group_range_m, apart.near_m + apart.stop_m),
+        tunnel_height_m=settings.fleet.tunnel_height_m,
+        stale_after_s=settings.fleet.stale_after_s,
+    )
+    return fleet, Separation(fleet, apart, settings.control.height_m, settings.fleet.stale_after_s)
 
 
 class Explorer:

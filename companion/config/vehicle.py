@@ -17,7 +17,7 @@ class VehicleSettings(Section):
 
 
 class FleetSettings(Section):
-    """The height layers of law (11)."""
+    """Several vehicles: the height layers of law (11), and how far they stay from each other until those are reached."""
 
     group_range_m: float = Field(
         4.0, gt=0.5, le=200.0, description="vehicles nearer than this share a group and its height layers, in m (d_r)"
@@ -26,6 +26,13 @@ class FleetSettings(Section):
         3.0, ge=1.0, le=50.0, description="least distance from ground to roof in the mine, in m (d_M)"
     )
     largest_group: int = Field(3, ge=1, le=20, description="most vehicles that can meet in one group (N)")
+    margin_m: float = Field(
+        0.3,
+        ge=0.1,
+        le=10.0,
+        description="least distance in the plane between the bodies of two vehicles that are less than "
+        "control.vertical_margin_m apart in height, in m",
+    )
     stale_after_s: float = Field(
         1.0, gt=0.0, le=60.0, description="a position report older than this is stale; its layer stays reserved, in s"
     )

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.control.fleet import Fleet, Report, connected, layer_height_m
+from companion.control.fleet import PARTS, Fleet, Report, connected, layer_height_m, near_pairs
 
 D_R, D_M, STALE_S = 4.0, 3.0, 1.0
 ALONE_M = 1.5
@@ -100,7 +100,7 @@ def test_near_is_below_the_group_range(apart_m: float, group: set[int]) -> None:
 def test_distance_counts_height_too() -> None:
     """Two vehicles on two levels of the mine, one above the other, are no group."""
     reports = {1: Report(0.0, 0.0, 0.0, 1.5), 2: Report(0.0, 0.0, 0.0, 9.5)}
-    assert connected(reports, 1, D_R) == {1}
+    assert connected(near_pairs(reports, D_R), 1) == {1}
 
 
 def components(reports: dict[int, Report]) -> list[set[int]]:
