@@ -17,7 +17,7 @@ class VehicleSettings(Section):
 
 
 class FleetSettings(Section):
-    """Several vehicles: the height layers of law (11), and how far they stay from each other until those are reached."""
+    """Several vehicles: the height layers of law (11), and the distance that is kept until those are reached."""
 
     group_range_m: float = Field(
         4.0, gt=0.5, le=200.0, description="vehicles nearer than this share a group and its height layers, in m (d_r)"

@@ -1,4 +1,4 @@
-"""How a vehicle stays apart from the others: in height by the layers of (11), in the plane until those are reached. Pure.
+"""How a vehicle stays apart from others: in height by the layers of (11), in the plane until those are reached. Pure.
 
 The layers say where each vehicle is to fly, not where it is: a group that somebody joins or leaves moves all of them, a
 roof may be too low, and a vehicle in between may be passed. So what is looked at is how far two of them truly are from
@@ -195,8 +195,8 @@ class Separation:
     def _above_m(self, own: Report, there: Report, vehicle_id: int) -> float:
         """How far this vehicle is above the other one, negative below; above the ground that both fly over.
 
-        On a slope the difference of z is also that of the ground. Two of different levels of a mine have the same height
-        above their grounds and are apart all the same.
+        On a slope the difference of z is also that of the ground. Two on different levels of a mine have the same
+        height above their grounds and are apart all the same.
         """
         up_m, rise_m = own.z_m - there.z_m, self._spacing.slope * own.beside_m(there)
         surely_m = max(0.0, abs(up_m) - rise_m)

@@ -86,6 +86,7 @@ class Flight:
             DepthRenderer(world, camera),
             np.random.default_rng(to_sensors),
             self._live,
+            vehicle_id,
         )
         self._body_radius_m = settings.vehicle.body_radius_m
         self._free_until_path_m = 0.0
@@ -99,7 +100,7 @@ class Flight:
             fleet: whether other vehicles are about, so that (11) applies.
         """
         true = self.vehicle.pose
-        self._live.look(true)
+        self._live.look(true, self.log.vehicle_id)
         observation = self._rig.observe(true)
         clearance = self._separation.clearance(true.t_s) if fleet else None
         order = self.order

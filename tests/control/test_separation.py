@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
@@ -108,7 +108,7 @@ def test_of_two_levels_of_a_mine_neither_waits() -> None:
 
 
 def test_on_a_slope_heights_above_the_ground_count() -> None:
-    """1 comes up a ramp of 25 % at 2 m, 2 goes down it at 1 m: at 2 m from each other their z differ by half a metre."""
+    """1 comes up a ramp of 25 % at 2 m, 2 down it at 1 m: 2 m from each other their z differ by half a metre only."""
     fleet, apart = separation(1)
     fleet.on_report(2, Report(0.0, 2.0, 0.0, 1.5, 1.0))
     apart.report(0.0, (0.0, 0.0, 2.0), 2.0)
@@ -290,3 +290,13 @@ def test_silence_keeps_the_layers_that_are_flown() -> None:
     least, _, bodies = flown(3, (3.5, 3.5), [1, 2, 3], 60.0, lost=lambda t_s, _one, _other: t_s > 10.0)
     assert least >= 0.95
     assert [round(body.height_m, 1) for body in bodies] == pytest.approx([2.25, 1.5, 0.75], abs=0.06)
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_who_hears_only_now_and_then_changes_no_sides(seed: int) -> None:
+    """Each hears each other for some seconds and then not, so that their groups are not the same: nobody swaps."""
+    least, passed, _ = flown(
+        seed, HALL, [1, 2, 3], 90.0, lost=lambda t_s, one, other: (int(t_s / 4.0) * 7 + one * 3 + other * 5) % 4 == 0
+    )
+    assert least >= 1.0
+    assert passed > 0
