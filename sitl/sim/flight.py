@@ -10,6 +10,7 @@ from companion.config.settings import Settings
 from companion.control.fleet import Report
 from companion.control.homing.homing import WayHome
 from companion.control.homing.reserve import Reserve
+from companion.control.sharing import Frame, Sharing
 from companion.mapping import VoxelMap
 from companion.model import Measurement, Pose
 from companion.pipeline import Explorer, Order, fleet_of
@@ -71,6 +72,7 @@ class Flight:
         self.battery = Battery(settings.sim.battery)
         self.reserve = Reserve(settings.mission.reserve_percent)
         self.fleet, self._separation = fleet_of(settings, vehicle_id)
+        self.sharing = Sharing(vehicle_id, Frame(), self.navigator.known_ground, self.navigator.choice)
         self.measurement: Measurement | None = None
         self.estimated = start
         """Where it takes itself to be."""

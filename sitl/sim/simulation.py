@@ -43,6 +43,9 @@ CAN_COME_HOME = (*ENDED_WELL, "time limit", "battery needed for the way home")
 CHECK_PERIOD_S = 5.0
 """Simulated time between two looks at the completeness."""
 
+SHARING_PERIOD_S = 2.0
+"""Simulated time between two messages in which vehicles tell each other of the ground."""
+
 SURFACE_STEP_M = 0.25
 """Grid of the traveling surface: drifts that are 0.4 m wider than twice d_s are still found passable on it."""
 
@@ -148,6 +151,7 @@ class Simulation:
         self._explored: Explored | None = None
         self._found = np.zeros(len(self.truth.samples_m), np.bool_)
         self._next_check_s = 0.0
+        self._next_sharing_s = 0.0
 
     def run(
         self,
@@ -330,7 +334,23 @@ class Simulation:
         for flight in self.flights:
             for number, report in reports:
                 flight.fleet.on_report(number, report)
+        if self.t_s >= self._next_sharing_s:
+            self._next_sharing_s = self.t_s + SHARING_PERIOD_S - 1e-6
+            self._share()
         self.encounters.look([flight.vehicle.pose for flight in self.flights], dt_s)
+
+    def _share(self) -> None:
+        """Every vehicle hears what the others know of the ground, and where they are going."""
+        for flight in self.flights:
+            news, claim = flight.sharing.news(), flight.sharing.claim(flight.estimated)
+            for other in self.flights:
+                if other is flight:
+                    continue
+                if news is not None:
+                    other.sharing.learn(news)
+                other.sharing.on_claim(flight.log.vehicle_id, claim, self.t_s)
+        for flight in self.flights:
+            flight.sharing.look(self.t_s)
 
     def _check(self) -> None:
         """Look at the completeness: only at what had not been found, until that says it is complete."""
