@@ -122,7 +122,9 @@ class Separation:
         self._waits_since_s: dict[int, float] = {}
         self._ground_m: float | None = None
 
-    def report(self, t_s: float, at_m: tuple[float, float, float], height_m: float | None) -> Report:
+    def report(
+        self, t_s: float, at_m: tuple[float, float, float], height_m: float | None, flies: bool = True
+    ) -> Report:
         """Note where this vehicle is; the report that it gives to the others.
 
         Who flies above another one measures the height above that one's back: until it has passed, the ground is where
@@ -132,8 +134,9 @@ class Separation:
             t_s: now.
             at_m: x, y and z, in the frame that the vehicles share.
             height_m: as measured; None where it is not known.
+            flies: whether it needs room in the air.
         """
-        report = Report(t_s, *at_m, height_m)
+        report = Report(t_s, *at_m, height_m, flies)
         if not self._is_above_one(report):
             self._ground_m = None if height_m is None else report.z_m - height_m
         elif self._ground_m is not None:

@@ -129,6 +129,8 @@ class Sharing:
         self._corner: tuple[float, float] | None = None
         self._told: dict[tuple[int, int], bytes] = {}
         self._claims: dict[int, tuple[float, Claim]] = {}
+        self.newest_claim: Claim | None = None
+        """What was last claimed; None: nothing."""
 
     def news(self) -> GroundNews | None:
         """The tiles that have changed since they were last told, and in turn one that has not; None: nothing is known.
@@ -170,9 +172,11 @@ class Sharing:
     def claim(self, pose: Pose) -> Claim | None:
         """What this vehicle is on its way to, for the others; None where it knows of nothing."""
         way = self._choice.nearest_unseen(pose)
-        if way is None:
-            return None
-        return Claim(*self._frame.shared(way.goal.x_m, way.goal.y_m, way.goal.ground_m), way.length_m)
+        self.newest_claim = None
+        if way is not None:
+            goal_m = self._frame.shared(way.goal.x_m, way.goal.y_m, way.goal.ground_m)
+            self.newest_claim = Claim(*goal_m, way.length_m)
+        return self.newest_claim
 
     def on_claim(self, vehicle_id: int, claim: Claim | None, t_s: float) -> None:
         """Note what another vehicle is on its way to; None: nothing."""

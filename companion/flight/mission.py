@@ -23,6 +23,7 @@ from companion.control.left_out import LeftOut, in_words, merged, so_many, to_ex
 from companion.errors import InputError
 from companion.flight.airborne import Airborne
 from companion.flight.coming_home import Homecoming
+from companion.flight.company import in_company
 from companion.flight.events import Event, EventEmitter, console, recording, status_text
 from companion.flight.gate_client import GateClient
 from companion.flight.gate_socket import GateSocket
@@ -158,7 +159,8 @@ class _Flight:
                 events, self._status_reporter, session.telemetry, mapper, session.flight, session.sink.warnings
             )
             watchers = (recorder.tick, map_feed(mapper), reporter)
-            control_loop = session.control_loop(explorer, vehicle.send, watchers)
+            company = await stack.enter_async_context(in_company(settings, explorer, session.clock))
+            control_loop = session.control_loop(explorer, vehicle.send, watchers, company)
             airborne = Airborne(session, self._operator, vehicle, control_loop, mapper, events)
             broke_off: Exception | None = None
             try:
