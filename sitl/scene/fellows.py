@@ -68,7 +68,7 @@ class Fellows:
         self._sight_m = FAR_SHARE * camera.max_range_m * math.hypot(
             1.0, max(camera.cx_px, camera.width_px - camera.cx_px) / camera.fx_px
         ) + max(body.radius_m, body.height_m)
-        self._poses: dict[int, Pose] = {}
+        self._poses: dict[int, Pose] = {}  # may be written by another thread than that which renders
 
     def restart(self) -> None:
         """Nobody is there."""
@@ -93,5 +93,5 @@ class Fellows:
 
     def _others(self, number: int, pose: Pose, within_m: float) -> list[tuple[float, float, float]]:
         here = (pose.x_m, pose.y_m, pose.z_m)
-        places = [(one.x_m, one.y_m, one.z_m) for other, one in self._poses.items() if other != number]
+        places = [(one.x_m, one.y_m, one.z_m) for other, one in list(self._poses.items()) if other != number]
         return [there for there in places if math.dist(here, there) <= within_m]
