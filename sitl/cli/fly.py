@@ -106,7 +106,7 @@ def _fly_several(plan: FlightPlan, reading: Reading, vehicles: int) -> None:
     for seat in seats(plan.world, reading, plan.seed, plan.preset, ports, world_ports):
         folder = plan.folder / f"vehicle-{seat.number}"
         folder.mkdir()
-        crews.append(Crew(replace(plan, folder=folder, seat=seat, seed=plan.seed + seat.number - 1)))
+        crews.append(Crew(replace(plan, folder=folder, seat=seat)))
     with ExitStack() as stack:
         for crew in crews:
             stack.enter_context(crew)
@@ -117,11 +117,11 @@ def _fly_several(plan: FlightPlan, reading: Reading, vehicles: int) -> None:
             crew.check()
     touched = collided = 0
     for crew, code in zip(crews, codes, strict=True):
-        score, seat = crew.score(), crew.plan.seat
+        score = crew.score()
         touched += score["contacts"]
         collided += score["collisions"]
         typer.echo(
-            f"vehicle {seat.number if seat else 0}: exit code {code}; truth: {score['path_length_m']:.0f} m flown, "
+            f"{crew.plan.folder.name}: exit code {code}; truth: {score['path_length_m']:.0f} m flown, "
             f"least distance to a wall {_metres(score['least_d_m'])}, {score['contacts']} contacts, to another vehicle "
             f"{_metres(score['least_distance_between_vehicles_m'])}, {score['collisions']} collisions"
         )

@@ -124,7 +124,9 @@ class Crew:
 
     def application(self, *options: str) -> list[str]:
         """The command that flies: it becomes the gate, and the application is its child."""
-        return [*command("run"), "--config", str(self.config), "--seed", str(self.plan.seed), *options]
+        # Vehicles that drew the same would choose the same.
+        seed = self.plan.seed + (0 if self.plan.seat is None else self.plan.seat.number - 1)
+        return [*command("run"), "--config", str(self.config), "--seed", str(seed), *options]
 
     def write_settings(self) -> Settings:
         """Write the application's settings file, as is done when the flight begins; what is in force with it."""

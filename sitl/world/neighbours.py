@@ -1,4 +1,4 @@
-"""Worlds of several vehicles in one mine: each tells the others where its vehicle truly is, so that all see each other."""
+"""Worlds of several vehicles in one mine: each tells the others where its vehicle truly is, so that they see it."""
 
 from __future__ import annotations
 
