@@ -11,7 +11,7 @@ from companion.config.settings import Settings
 from companion.control.fleet import Fleet
 from companion.control.known_ground import Outlook
 from companion.control.navigator import Navigator
-from companion.control.separation import Separation, Spacing
+from companion.control.separation import Back, Separation, Spacing
 from companion.model import Input, Measurement, Mode, Observation, Setpoint
 from companion.perception import Extractor
 
@@ -92,6 +92,7 @@ def spacing(settings: Settings) -> Spacing:
         reaction_s=control.governor.reaction_s,
         brake_mps2=control.governor.brake_mps2,
         slope=settings.sensors.scan.max_ground_slope,
+        body_height_m=settings.vehicle.body_height_m,
         lowest_m=layer_m,
         highest_m=fleet.largest_group * layer_m,
     )
@@ -132,9 +133,15 @@ class Explorer:
         """Measure without steering: on the ground, and while the pilot flies."""
         return self._extractor.measure(observation)
 
-    def step(self, observation: Observation, order: Order = Order.EXPLORE) -> Steering:
-        """One sampling period: measure, then execute the navigation law, or wait."""
-        measurement = self._extractor.measure(observation)
+    def step(self, observation: Observation, order: Order = Order.EXPLORE, beneath: tuple[Back, ...] = ()) -> Steering:
+        """One sampling period: measure, then execute the navigation law, or wait.
+
+        Args:
+            observation: what the sensors said.
+            order: what it is told.
+            beneath: the other vehicles that it may be above.
+        """
+        measurement = self._extractor.measure(observation, beneath)
         if order is Order.HOME:
             self.navigator.go_home(observation.t_s)
         steer = self.navigator.wait if order is Order.WAIT else self.navigator.step

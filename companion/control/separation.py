@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from companion.control.fleet import Fleet, Report
 from companion.control.governor import braking_speed_mps
@@ -40,6 +41,7 @@ class Spacing:
         reaction_s: from the wish to stand until it brakes.
         brake_mps2: how hard it brakes.
         slope: how steep ground may be, rise over run.
+        body_height_m: of each.
         lowest_m: height of the lowest layer that there is.
         highest_m: and of the highest.
     """
@@ -50,6 +52,7 @@ class Spacing:
     reaction_s: float
     brake_mps2: float
     slope: float
+    body_height_m: float
     lowest_m: float
     highest_m: float
 
@@ -103,6 +106,18 @@ class Clearance:
         return braking_speed_mps(way_m / 2.0, spacing.reaction_s, spacing.brake_mps2)
 
 
+class Back(NamedTuple):
+    """The upper side of a vehicle that flies below this one.
+
+    Attributes:
+        down_m: how far below the middle of this one it is.
+        height_m: how high above the ground.
+    """
+
+    down_m: float
+    height_m: float
+
+
 class Separation:
     """Keeps one vehicle apart from the others.
 
@@ -120,15 +135,11 @@ class Separation:
         self._stale_after_s = stale_after_s
         self._apart: set[int] = set()
         self._waits_since_s: dict[int, float] = {}
-        self._ground_m: float | None = None
 
     def report(
         self, t_s: float, at_m: tuple[float, float, float], height_m: float | None, flies: bool = True
     ) -> Report:
         """Note where this vehicle is; the report that it gives to the others.
-
-        Who flies above another one measures the height above that one's back: until it has passed, the ground is where
-        it was before.
 
         Args:
             t_s: now.
@@ -137,12 +148,20 @@ class Separation:
             flies: whether it needs room in the air.
         """
         report = Report(t_s, *at_m, height_m, flies)
-        if not self._is_above_one(report):
-            self._ground_m = None if height_m is None else report.z_m - height_m
-        elif self._ground_m is not None:
-            report = replace(report, height_m=report.z_m - self._ground_m)
         self._fleet.on_report(self._fleet.own_id, report)
         return report
+
+    def beneath(self) -> tuple[Back, ...]:
+        """Whose backs the beam downward may meet."""
+        own = self._fleet.own()
+        if own is None:
+            return ()
+        half_m = self._spacing.body_height_m / 2.0
+        return tuple(
+            Back(own.z_m - there.z_m - half_m, there.height_m + half_m)
+            for there in self._fleet.others().values()
+            if there.height_m is not None and there.z_m < own.z_m and own.beside_m(there) < self._spacing.keep_m
+        )
 
     def clearance(self, t_s: float) -> Clearance:
         """What the vehicle may do now, by the newest reports of all, its own included."""
@@ -173,12 +192,6 @@ class Separation:
                 else:
                     high_m = min(high_m, own.height_m - spacing.apart_m - above_m)
         return Clearance(self._between(wanted_m, low_m, high_m), holds, tuple(beside_m), spacing)
-
-    def _is_above_one(self, own: Report) -> bool:
-        return any(
-            own.beside_m(there) < self._spacing.keep_m and there.z_m < own.z_m
-            for there in self._fleet.others().values()
-        )
 
     def _between(self, wanted_m: float, low_m: float, high_m: float) -> float:
         """The height that is wanted, above who is below and below who is above; in the middle where both cannot be."""

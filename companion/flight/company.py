@@ -17,7 +17,7 @@ from companion.clock import Clock
 from companion.clock.one_way import OneWay
 from companion.config.settings import Settings
 from companion.control.fleet import MOST_VEHICLES, Report
-from companion.control.separation import Clearance
+from companion.control.separation import Back, Clearance
 from companion.control.sharing import Frame, Sharing
 from companion.errors import InputError
 from companion.flight.tasks import background
@@ -97,6 +97,10 @@ class Company:
     def others(self) -> dict[int, Report]:
         """The newest report of every other vehicle, by this vehicle's clock."""
         return self._fleet.others()
+
+    def beneath(self) -> tuple[Back, ...]:
+        """The vehicles that this one may be above."""
+        return self._separation.beneath()
 
     def shared_yaw_rad(self, pose: Pose) -> float:
         """The heading in the shared frame."""

@@ -139,7 +139,8 @@ class ControlLoop:
             if clearance is not None:
                 self._explorer.navigator.height_m = clearance.height_m
                 order = Order.WAIT if clearance.holds else order
-            steering = self._explorer.step(observation, order)
+            beneath = () if self._company is None else self._company.beneath()
+            steering = self._explorer.step(observation, order, beneath)
             measurement, setpoint = steering.measurement, steering.setpoint
             if clearance is not None and self._company is not None:
                 setpoint = clearance.limited(setpoint, self._company.shared_yaw_rad(observation.pose))

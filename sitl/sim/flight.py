@@ -109,7 +109,7 @@ class Flight:
         if clearance is not None:
             self.navigator.height_m = clearance.height_m
             order = Order.WAIT if clearance.holds else order
-        steering = self._explorer.step(observation, order)
+        steering = self._explorer.step(observation, order, self._separation.beneath() if fleet else ())
         measurement, setpoint = steering.measurement, steering.setpoint
         if clearance is not None:
             setpoint = clearance.limited(setpoint, observation.pose.yaw_rad)

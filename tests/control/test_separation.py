@@ -17,7 +17,15 @@ from companion.control.separation import PATIENCE_S, STAYS_APART, Clearance, Sep
 from companion.model import Setpoint
 
 SPACING = Spacing(
-    apart_m=0.6, keep_m=1.0, speed_mps=0.5, reaction_s=0.6, brake_mps2=0.43, slope=0.35, lowest_m=0.75, highest_m=2.25
+    apart_m=0.6,
+    keep_m=1.0,
+    speed_mps=0.5,
+    reaction_s=0.6,
+    brake_mps2=0.43,
+    slope=0.35,
+    body_height_m=0.3,
+    lowest_m=0.75,
+    highest_m=2.25,
 )
 ALONE_M, STALE_S, PERIOD_S = 1.5, 1.0, 0.05
 PASSED_M = 0.8
@@ -115,14 +123,18 @@ def test_on_a_slope_heights_above_the_ground_count() -> None:
     assert not apart.clearance(0.0).holds
 
 
-def test_above_another_one_the_height_is_not_that_above_its_back() -> None:
-    """The beam downward meets the other one: its own report says how high it is above the ground all the same."""
+def test_the_back_of_whoever_flies_below_is_told() -> None:
+    """How far down it is, and how high above the ground: the beam downward will meet it."""
     fleet, apart = separation(1)
-    fleet.on_report(2, Report(0.0, 2.0, 0.0, 1.0, 1.0))
-    assert apart.report(0.0, (0.0, 0.0, 2.0), 2.0).height_m == 2.0
-    assert apart.report(4.0, (2.0, 0.0, 2.1), 0.95).height_m == pytest.approx(2.1)
-    assert not apart.clearance(4.0).holds
-    assert apart.report(8.0, (4.0, 0.0, 2.0), 2.05).height_m == 2.05
+    assert apart.beneath() == ()
+    fleet.on_report(2, Report(0.0, 0.5, 0.0, 11.0, 1.0))
+    fleet.on_report(3, Report(0.0, 0.5, 0.0, 13.0, 3.0))
+    fleet.on_report(4, Report(0.0, 5.0, 0.0, 11.0, 1.0))
+    fleet.on_report(5, Report(0.0, 0.5, 0.0, 11.0))
+    apart.report(0.0, (0.0, 0.0, 12.0), 2.0)
+    ((down_m, height_m),) = apart.beneath()
+    assert down_m == pytest.approx(0.85)
+    assert height_m == pytest.approx(1.15)
 
 
 def test_who_has_landed_has_no_layer_but_its_place() -> None:
