@@ -11,6 +11,7 @@ import logging
 import math
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from typing import Any, Protocol
 
 from companion.clock import Clock
@@ -90,6 +91,12 @@ class Company:
         at_m = self._frame.shared(pose.x_m, pose.y_m, pose.z_m)
         self._report = self._separation.report(now_s, at_m, height_m, flies)
 
+    def landed(self) -> None:
+        """It stands on the ground and has no layer any more: the others are told, as long as this one still speaks."""
+        self._flies = False
+        if self._report is not None:
+            self._report = replace(self._report, t_s=self._clock.now_s(), flies=False)
+
     def clearance(self, now_s: float) -> Clearance:
         """What the vehicle may do now."""
         return self._separation.clearance(now_s)
@@ -97,6 +104,10 @@ class Company:
     def others(self) -> dict[int, Report]:
         """The newest report of every other vehicle, by this vehicle's clock."""
         return self._fleet.others()
+
+    def summary(self) -> dict[str, object]:
+        """For `summary.json`: its number, who was heard, and how many messages were refused."""
+        return {"number": self.own_id, "heard": sorted(self.others()), "refused": self.refused}
 
     def beneath(self) -> tuple[Back, ...]:
         """The vehicles that this one may be above."""

@@ -169,6 +169,8 @@ class _Flight:
                 # The vehicle holds or lands by now; what was flown for must not be lost with the flight.
                 broke_off, why = error, f"broke off: {error}"
                 events.emit(Event.BROKE_OFF, why=why)
+            if company is not None and not session.telemetry.state(session.clock.now_s()).armed:
+                company.landed()
             navigation = Navigation.of(explorer.navigator)
             files, problem = await self._save(mapper, navigation, map_folder, folder, earlier.window is not None)
             # Not in the loop: the gate goes on hearing of us.
@@ -185,6 +187,7 @@ class _Flight:
                 "map_folder": str(map_folder),
                 "graph": navigation.graph.counts()._asdict(),
                 "map_problem": problem,
+                "fleet": None if company is None else company.summary(),
             }
         try:
             with whole_file(folder / "summary.json") as file:

@@ -149,7 +149,8 @@ def _news(ground: Any, cells: bytes) -> GroundNews:
         row, column = (_whole(value, -FARTHEST_TILE, FARTHEST_TILE) for value in one[:2])
         levels = _whole(one[2], 1, MOST_LEVELS)
         shape, size = (levels, TILE_CELLS, TILE_CELLS), levels * _CELLS
-        known = np.frombuffer(cells, np.uint8, size, at).reshape(shape)
+        # A copy: what is compiled for arrays that may be written to would be compiled anew for others.
+        known = np.frombuffer(cells, np.uint8, size, at).reshape(shape).copy()
         ground_dm = np.frombuffer(cells, "<i2", size, at + size).astype(np.int16).reshape(shape)
         tiles.append(Tile(row, column, known, ground_dm))
         at += 3 * size

@@ -133,6 +133,24 @@ def test_a_vehicle_that_was_started_anew_is_heard() -> None:
     assert [seen.x_m for seen in one.others().values()] == [12.0]
 
 
+def test_who_has_landed_says_so() -> None:
+    """Its layer is free from then on: silence alone would keep it."""
+    clock = HandClock(100.0)
+    one, two = company_of(1, clock), company_of(2, clock)
+    for company in (one, two):
+        stand(company, 100.0, flies=False)
+        stand(company, 100.0, up_m=1.35)
+    one.on_message(told(two))
+    assert one.clearance(100.0).height_m == 2.0
+    clock.advance(60.0)
+    stand(one, 160.0, up_m=1.35)
+    assert one.clearance(160.0).height_m == 2.0
+    two.landed()
+    one.on_message(told(two))
+    assert one.clearance(160.0).height_m == 1.5
+    assert one.summary() == {"number": 1, "heard": [2], "refused": 0}
+
+
 def test_a_pose_that_is_no_number_tells_nothing_new() -> None:
     """NaN never leaves: what was known before is what is told, and grows old."""
     one = company_of(1, HandClock(0.0))
