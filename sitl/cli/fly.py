@@ -46,7 +46,7 @@ def fly(
         typer.Option(
             "--link",
             metavar="ENDPOINT",
-            help="Let the ground watch and command here: tcp/127.0.0.1:7447, say; of several vehicles the next ports too.",
+            help="Let the ground watch and command here, such as tcp/127.0.0.1:7447; several take ports from it on.",
         ),
     ] = None,
     vehicles: Annotated[int, typer.Option(min=1, metavar="N", help="How many fly in the mine.")] = 1,
