@@ -50,6 +50,11 @@ class MapTeller:
         """In which the numbers count."""
         return f"{self._session}-{self._follower.rewinds}"
 
+    @property
+    def sum(self) -> str:
+        """Over all chunks: that of a copy that is equal."""
+        return self._numbers.sum
+
     def follow(self) -> bool:
         """Take what was appended to the journal; whether there may be more.
 
