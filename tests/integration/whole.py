@@ -8,7 +8,7 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -87,8 +87,22 @@ class Flown:
 
 
 @contextlib.contextmanager
-def flown(folder: Path, personality: str, gps: bool = True, time_limit_s: float = 120.0) -> Iterator[Flown]:
-    """Autopilot, world, gate and application, started; all of them end with the block."""
+def flown(
+    folder: Path,
+    personality: str,
+    gps: bool = True,
+    time_limit_s: float = 120.0,
+    more: Mapping[str, dict[str, Any]] | None = None,
+) -> Iterator[Flown]:
+    """Autopilot, world, gate and application, started; all of them end with the block.
+
+    Args:
+        folder: for everything that it writes.
+        personality: px4 or ardupilot.
+        gps: else odometry.
+        time_limit_s: of the exploring.
+        more: settings of the application besides.
+    """
     plan = FlightPlan(
         folder=folder,
         personality=personality,
@@ -96,7 +110,7 @@ def flown(folder: Path, personality: str, gps: bool = True, time_limit_s: float 
         world=str(write_box(folder / "room.ply", SIZE_M, START)),
         seed=3,
         time_limit_s=time_limit_s,
-        settings={"sensors": {"camera": CAMERA}},
+        settings={"sensors": {"camera": CAMERA}, **(more or {})},
         autopilot=("--boot-s", f"{BOOT_S:g}"),
         world_options=("--config", str(folder / "vehicle.yaml")),
     )
