@@ -53,7 +53,7 @@ def test_both_sides_begin_anew_and_the_copy_goes_on(tmp_path: Path, mine: Mine) 
         with station(tmp_path / "ground", vehicle.endpoint) as ground:
             (seen,) = ground.vehicles()
             assert seen.name == "drone1"
-            assert len(seen.changed(0).chunks) > 0, "what is on the disk is there at once"
+            until(lambda: len(seen.changed(0).chunks) > 0)
             until(lambda: held(known(ground).source()) == held(mine.journal))
             vehicle.stop()
             mine.grow()

@@ -73,9 +73,7 @@ class LinkedVehicle:
         self._under_way = threading.Semaphore(MOST_UNDER_WAY)
         self._news = threading.Event()
         self._closing = threading.Event()
-        maps = sorted((path for path in folder.iterdir() if path.is_dir()), key=_age) if folder.is_dir() else []
-        if maps:
-            self._sync.follow(maps[-1].name)
+        self._folder = folder
         self._thread = threading.Thread(target=self._run, name=f"map of {name}", daemon=True)
         self._thread.start()
 
@@ -223,6 +221,9 @@ class LinkedVehicle:
     def _run(self) -> None:
         timeout_s = FIRST_TIMEOUT_S
         next_extras_s = -math.inf
+        # Here, and not where telemetry comes: to open a large copy takes seconds.
+        if (newest := _newest_map(self._folder)) is not None:
+            self._sync.follow(newest)
         while not self._closing.is_set():
             rest_s = REST_S
             try:
@@ -283,5 +284,7 @@ class LinkedVehicle:
         return None if data is None else (*read_answer(data), len(data))
 
 
-def _age(path: Path) -> float:
-    return path.stat().st_mtime
+def _newest_map(folder: Path) -> str | None:
+    """The name of the map in a vehicle's folder that changed last; None where there is none."""
+    maps = [path for path in folder.iterdir() if is_map_name(path.name)] if folder.is_dir() else []
+    return max(maps, key=lambda path: path.stat().st_mtime).name if maps else None

@@ -15,6 +15,7 @@ import select
 import socket
 import threading
 import zlib
+from collections import deque
 from pathlib import Path
 from queue import Empty, Full, Queue
 
@@ -34,6 +35,7 @@ from companion.link.vehicle.listeners import Listeners
 from companion.link.vehicle.map_teller import MapTeller
 from companion.link.vehicle.pipe import Kind, receive, send
 from companion.link.wire import (
+    Order,
     Report,
     command_topic,
     decoded,
@@ -58,6 +60,9 @@ MOST_PENDING = 16
 """Orders that the application has not answered yet."""
 
 ANSWER_TIMEOUT_S = 2.0
+
+MOST_REFUSED, REFUSED_PERIOD_S = 30, 60.0
+"""Refusals that are logged in this time."""
 
 TELEMETRY_SHARE = 0.25
 """Of the bandwidth; it comes less often where more would be needed."""
@@ -115,6 +120,7 @@ class LinkProcess:
         self._guarded = threading.Lock()
         """Over guard, pending orders, bandwidth and listeners."""
         self._pending: dict[str, tuple[zenoh.Query, float]] = {}
+        self._refused_s: deque[float] = deque(maxlen=MOST_REFUSED)
         self._asked: Queue[zenoh.Query] = Queue(MOST_WAITING)
         self._closing = threading.Event()
         self._drawing = 0
@@ -209,28 +215,37 @@ class LinkProcess:
 
     def _on_command(self, query: zenoh.Query) -> None:
         """In a thread of Zenoh's."""
-        data, now_s = _payload(query), self._clock.now_s()
-        with self._guarded:
-            try:
-                order, known, is_new = self._guard.check(data, now_s)
-                if is_new and len(self._pending) >= MOST_PENDING:
-                    raise RefusedError("the application has not answered the commands before it")
-            except RefusedError as refusal:
-                self._refuse(query, str(refusal))
-                return
-            self._listeners.heard(order.by, now_s)
-            if known is not None:
-                self._answer(query, known)
-                return
-            # One that comes again before it was answered is answered in the place of the first, and not later.
-            _, give_up_s = self._pending.get(order.id, (query, now_s + ANSWER_TIMEOUT_S))
-            self._pending[order.id] = (query, give_up_s)
-        if is_new and not send(self._end, Kind.ORDER, encoded(order)):
+        try:
+            order, known, is_new = self._admitted(query)
+        except RefusedError as refusal:
+            self._refuse(query, str(refusal))
+            return
+        if known is not None:
+            self._answer(query, known)
+        elif is_new and not send(self._end, Kind.ORDER, encoded(order)):
             self._reply(order.id, Answer(accepted=False, reason="the application does not take commands now"))
 
+    def _admitted(self, query: zenoh.Query) -> tuple[Order, Answer | None, bool]:
+        """As `CommandGuard.check`; one without an answer waits for it from now on."""
+        data, now_s = _payload(query), self._clock.now_s()
+        with self._guarded:
+            order, known, is_new = self._guard.check(data, now_s)
+            if is_new and len(self._pending) >= MOST_PENDING:
+                raise RefusedError("the application has not answered the commands before it")
+            self._listeners.heard(order.by, now_s)
+            if known is None:
+                # One that comes again before it was answered is answered in the place of the first, and not later.
+                _, give_up_s = self._pending.get(order.id, (query, now_s + ANSWER_TIMEOUT_S))
+                self._pending[order.id] = (query, give_up_s)
+            return order, known, is_new
+
     def _refuse(self, query: zenoh.Query, reason: str) -> None:
-        _log.warning("a command was refused: %s", reason)
-        send(self._end, Kind.REFUSED, reason.encode())
+        now_s = self._clock.now_s()
+        self._refused_s.append(now_s)
+        # Each is answered; who sends thousands fills neither logs nor recording with them.
+        if len(self._refused_s) < MOST_REFUSED or now_s - self._refused_s[0] > REFUSED_PERIOD_S:
+            _log.warning("a command was refused: %s", reason)
+            send(self._end, Kind.REFUSED, reason.encode())
         self._answer(query, Answer(accepted=False, reason=reason))
 
     def _reply(self, id_: str, reply: Answer) -> None:
@@ -242,7 +257,8 @@ class LinkProcess:
 
     def _answer(self, query: zenoh.Query, reply: Answer) -> None:
         message = encoded(reply)
-        self._bandwidth.take(len(message), self._clock.now_s())
+        with self._guarded:
+            self._bandwidth.take(len(message), self._clock.now_s())
         with query:
             query.reply(command_topic(self._settings.name), message, express=True)
 
@@ -263,7 +279,7 @@ class LinkProcess:
                 _log.debug("a question about the map finds too many before it")
 
     def _tell_map(self) -> None:
-        next_follow_s = -math.inf
+        next_follow_s, problem = -math.inf, ""
         while not self._closing.is_set():
             try:
                 if self._clock.now_s() >= next_follow_s:
@@ -280,7 +296,9 @@ class LinkProcess:
                 continue
             except (CompanionError, OSError, zenoh.ZError) as error:
                 # Whatever it is, the ground asks again, and commands do not come through here.
-                _log.warning("the ground's question about the map got no answer: %s", error)
+                if str(error) != problem:
+                    _log.warning("the ground's question about the map got no answer: %s", error)
+                problem = str(error)
                 next_follow_s = self._clock.now_s() + BEAT_PERIOD_S
 
     def _tell(self, query: zenoh.Query) -> None:
