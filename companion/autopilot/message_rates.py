@@ -6,11 +6,14 @@ import math
 from collections.abc import Collection, Mapping
 
 from companion.autopilot.commands import command_long
+from companion.autopilot.handover import CURRENT_HZ
 from companion.autopilot.interface import Link
 from companion.config.autopilot import AutopilotSettings
+from companion.config.mission import MissionSettings
 from companion.mavlink.estimator import ESTIMATOR
 from companion.mavlink.firmware import AutopilotKind
 from companion.mavlink.ids import MavCmd
+from companion.mavlink.modes import personality
 
 ASK_AGAIN_S = 3.0
 """Longer than the window in which rates are measured, so that an answer shows before it is asked again."""
@@ -23,6 +26,8 @@ _IDS = {
     "GPS_RAW_INT": 24,
     "LOCAL_POSITION_NED": 32,
     "GLOBAL_POSITION_INT": 33,
+    "MISSION_CURRENT": 42,
+    "RC_CHANNELS": 65,
     "BATTERY_STATUS": 147,
     "EKF_STATUS_REPORT": 193,
     "ESTIMATOR_STATUS": 230,
@@ -36,15 +41,21 @@ POLL_S = 1.0
 GPS_HZ = 10.0
 """Each fix is sent once, so as often as the receiver has them: the gate notices when none comes."""
 GLOBAL_POSITION_HZ = 2.0
+SWITCH_HZ, SWITCH_STATUS_HZ = 10.0, 5.0
+"""Within a second after it was moved a switch is obeyed."""
 ESTIMATOR_HZ = 10.0
 """Often enough to stop before a lost estimate has carried the vehicle far: 0.05 m at 0.5 m/s."""
 
 
-def wanted_hz(kind: AutopilotKind, settings: AutopilotSettings) -> dict[str, float]:
+def wanted_hz(kind: AutopilotKind, settings: AutopilotSettings, mission: MissionSettings) -> dict[str, float]:
     """Message name -> rate for everything that is read of the autopilot, here and in the gate.
 
     Without GPS PX4 is asked for its global position: where an origin is set and no position comes, it lands elsewhere.
+    A switch of the transmitter counts only while SYS_STATUS says that the transmitter is heard; the item of
+    ArduCopter's mission is asked for where it may start the flight.
     """
+    switched = mission.rc_switch.channel is not None
+    hands_over = mission.start == "command" and personality(kind).mission is not None
     if settings.gps:
         place = {"GPS_RAW_INT": GPS_HZ}
     else:
@@ -52,7 +63,9 @@ def wanted_hz(kind: AutopilotKind, settings: AutopilotSettings) -> dict[str, flo
     return place | {
         "ATTITUDE": settings.attitude_hz,
         "LOCAL_POSITION_NED": settings.position_hz,
-        "SYS_STATUS": 1.0,
+        "SYS_STATUS": SWITCH_STATUS_HZ if switched else 1.0,
+        **({"RC_CHANNELS": SWITCH_HZ} if switched else {}),
+        **({"MISSION_CURRENT": CURRENT_HZ} if hands_over else {}),
         "BATTERY_STATUS": 1.0,
         "EXTENDED_SYS_STATE": 2.0,
         ESTIMATOR[kind]: ESTIMATOR_HZ,

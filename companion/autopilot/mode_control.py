@@ -36,6 +36,10 @@ class FlightError(CompanionError):
     """The autopilot did not do what the flight needs; the message has its own words for it."""
 
 
+class ModeRefused(FlightError):  # noqa: N818  what happened is no fault
+    """The autopilot, or the gate before it, does not take a mode that was asked for: the vehicle is whose it was."""
+
+
 class TakenOver(FlightError):  # noqa: N818  what happened is no fault
     """Somebody else has the vehicle: a pilot, a ground station, or a failsafe of the autopilot."""
 
@@ -181,6 +185,14 @@ class ModeControl:
                 raise self.failure(f"the autopilot refuses to arm ({result_name(result)}){because}", began_s)
             await self._clock.sleep(ARM_PERIOD_S)
 
+    def take_charge(self) -> None:
+        """From now on the flight of a vehicle that is armed already is ours to end."""
+        self.asked_to_arm = True
+
+    def give_back(self) -> None:
+        """It is not: whoever had it has it."""
+        self.asked_to_arm = False
+
     async def disarm(self, timeout_s: float) -> bool:
         """Whether it disarmed, which in the air it refuses. An answer that does not come within the time is no."""
         try:
@@ -189,10 +201,10 @@ class ModeControl:
             return False
         return result == MavResult.ACCEPTED
 
-    def failure(self, what: str, since_s: float) -> FlightError:
+    def failure(self, what: str, since_s: float, kind: type[FlightError] = FlightError) -> FlightError:
         """An error with everything that the autopilot has said since then."""
         said = dict.fromkeys(text.text.strip("\0 ") for text in self._telemetry.texts if text.received_s >= since_s)
-        return FlightError(f"{what}. The autopilot said: {'; '.join(said) or 'nothing'}")
+        return kind(f"{what}. The autopilot said: {'; '.join(said) or 'nothing'}")
 
     async def _command(self, command: int, *parameters: float, timeout_s: float | None = None) -> int:
         return await self._link.command(command, *parameters, timeout_s=timeout_s or self._timeout_s)
@@ -208,7 +220,9 @@ class ModeControl:
                 MavCmd.DO_SET_MODE, *self._personality.set_mode_parameters(mode), timeout_s=timeout_s
             )
             if result not in (MavResult.ACCEPTED, MavResult.IN_PROGRESS):
-                raise self.failure(f"the autopilot refused the mode {name} ({result_name(result)})", asked_s)
+                raise self.failure(
+                    f"the autopilot refused the mode {name} ({result_name(result)})", asked_s, ModeRefused
+                )
             await self._shown(name, asked_s)
             happened = True
         finally:

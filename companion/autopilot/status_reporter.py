@@ -50,10 +50,17 @@ class StatusReporter:
         """
         self._state, self._armed = state, armed
 
-    def say(self, text: str, severity: MavSeverity = MavSeverity.INFO) -> None:
-        """A text for the pilot, cut to 50 bytes. One that repeats the text before it is not sent again."""
+    def say(self, text: str, severity: MavSeverity = MavSeverity.INFO, again: bool = False) -> None:
+        """A text for the pilot, cut to 50 bytes.
+
+        Args:
+            text: what there is to say.
+            severity: as ground stations sort it.
+            again: whether one that repeats the text before it is sent again, once the first has gone out.
+        """
         words = _cut(text, TEXT_BYTES)
-        if not words or words == self._last_text:
+        repeated = any(words == waiting for _, waiting in self._texts) if again else words == self._last_text
+        if not words or repeated:
             return
         self._last_text = words
         if len(self._texts) == WAITING:

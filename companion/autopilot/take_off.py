@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable
 
 from companion.autopilot.interface import Link
-from companion.autopilot.mode_control import POLL_S, FlightError, ModeControl
+from companion.autopilot.mode_control import POLL_S, FlightError, ModeControl, ModeRefused
 from companion.autopilot.offboard import OffboardControl
 from companion.clock import Clock
 from companion.config.settings import Settings
@@ -97,6 +97,20 @@ class TakeOff:
         else:
             await self._offboard.engage()
             await self._offboard.while_still(modes.arm())
+        await self._climb(height_m, began_s)
+
+    async def take_over(self, height_m: float) -> None:
+        """Climb or sink to the height as `run` does, with a vehicle that its own mission hands over in the air."""
+        began_s = self._clock.now_s()
+        if not self._modes.armed:
+            raise FlightError("cannot take the vehicle over: it is not armed")
+        # Before it is asked for: whatever goes wrong from then on, it may follow us, and must not be left flying.
+        self._modes.take_charge()
+        try:
+            await self._offboard.engage()
+        except ModeRefused:
+            self._modes.give_back()
+            raise
         await self._climb(height_m, began_s)
 
     async def _set_height(self, height_m: float) -> None:

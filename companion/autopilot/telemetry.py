@@ -77,7 +77,9 @@ class Telemetry:
         self._clock = clock
         self._jump_m = settings.safety.pose.jump_m
         self._alignment = ClockAlignment()
-        self._rates = MessageRates(link, wanted_hz(link.kind, settings.autopilot), polled_ids(settings.autopilot))
+        self._rates = MessageRates(
+            link, wanted_hz(link.kind, settings.autopilot, settings.mission), polled_ids(settings.autopilot)
+        )
         self._questions: deque[tuple[int, float]] = deque(maxlen=QUESTIONS)  # ts1, when
         self._begun_s: float | None = None
         self._asked_time_s = -math.inf

@@ -55,6 +55,7 @@ class Vehicle:
             link, clock, self._modes, settings.autopilot.silence_s, settings.safety.stale.heartbeat_s
         )
         self._start_z_m: float | None = None
+        self._holds = settings.mission.end_action == "hold"
 
     @property
     def taken_over(self) -> str | None:
@@ -83,10 +84,19 @@ class Vehicle:
         """
         pose = self._telemetry.poses.newest()
         self._start_z_m = None if pose is None else pose.z_m
-        take_off = TakeOff(
+        await self._take_off(measured_height_m).run(height_m)
+
+    async def take_over(self, height_m: float, measured_height_m: Callable[[], float | None]) -> None:
+        """Take a vehicle that is handed over in the air, and return as `take_off` does. Arguments and errors as there.
+
+        The vehicle is engaged when this returns.
+        """
+        await self._take_off(measured_height_m).take_over(height_m)
+
+    def _take_off(self, measured_height_m: Callable[[], float | None]) -> TakeOff:
+        return TakeOff(
             self._link, self._clock, self._modes, self._offboard, self._settings, measured_height_m, self._risen_m
         )
-        await take_off.run(height_m)
 
     async def engage(self) -> None:
         """Make the autopilot follow our setpoints: offboard on PX4, guided on ArduPilot. Returns when it does.
@@ -115,7 +125,8 @@ class Vehicle:
         return self._offboard.send(setpoint)
 
     async def hold(self) -> None:
-        """Stop and stay: hold on PX4, which refuses it without a global origin, brake on ArduPilot."""
+        """Stop and stay, beyond the end of the block: hold on PX4, refused without an origin, brake on ArduPilot."""
+        self._holds = True
         await self._hold(None)
 
     async def land(self, timeout_s: float = LAND_S) -> bool:
@@ -190,7 +201,7 @@ class Vehicle:
             self._offboard.release()
 
     async def _end(self) -> None:
-        modes, holds = self._modes, self._settings.mission.end_action == "hold"
+        modes, holds = self._modes, self._holds
         if not (modes.asked_to_arm and modes.maybe_armed):
             return
         await modes.confirm_ours()

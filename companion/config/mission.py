@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
-from companion.config.section import Section
+from companion.config.section import Section, refuse
+
+LEAST_MIDDLE_US = 100
 
 
 def _folder(text: str) -> str:
@@ -23,14 +25,45 @@ def _folder(text: str) -> str:
         raise ValueError(f"there is nobody called {text.partition('/')[0][1:]!r} here: write the path itself") from None
 
 
+class RcSwitchSettings(Section):
+    """A switch of the pilot's transmitter that starts the flight and ends it: high explores, the middle pauses."""
+
+    channel: int | None = Field(
+        None,
+        ge=5,
+        le=18,
+        description="number of the channel in RC_CHANNELS, not one of the four sticks; null: there is no such switch",
+    )
+    low_us: int = Field(1300, ge=900, le=2100, description="below this pulse length the switch stands low, in µs")
+    high_us: int = Field(
+        1700, ge=900, le=2100, description="above this pulse length it stands high: explore, or go on, in µs"
+    )
+    low: Literal["home", "land", "pause"] = Field(
+        "home", description="what low asks for: come home, land where it is, or pause"
+    )
+
+    @model_validator(mode="after")
+    def _has_a_middle(self) -> Self:
+        if self.high_us - self.low_us < LEAST_MIDDLE_US:
+            raise refuse(
+                f"mission.rc_switch.high_us = {self.high_us} must be at least {LEAST_MIDDLE_US} above "
+                f"mission.rc_switch.low_us = {self.low_us}: a pulse that jitters would move the switch",
+                "mission.rc_switch.low_us",
+                "mission.rc_switch.high_us",
+            )
+        return self
+
+
 class MissionSettings(Section):
     """The course of a flight around the exploring."""
 
     start: Literal["now", "key", "command"] = Field(
         "key",
-        description="what starts the flight: now, the Enter key, or the MAVLink command MAV_CMD_MISSION_START from a "
-        "ground station",
+        description="what starts the flight: now, the Enter key, or a command: MAV_CMD_MISSION_START from a ground "
+        "station, the transmitter's switch where rc_switch has a channel, or on ArduCopter the mission item "
+        "NAV_GUIDED_ENABLE",
     )
+    rc_switch: RcSwitchSettings = Field(RcSwitchSettings(), description="a switch of the pilot's transmitter")
     end_action: Literal["home", "hold", "land"] = Field(
         "home",
         description="what follows the exploring when it is complete, stopped, or ended by time or battery: home (back "

@@ -18,6 +18,12 @@ from companion.config.sensors import SensorSettings
 from companion.config.sim import SimSettings
 from companion.config.vehicle import FleetSettings, VehicleSettings
 
+SPENT_PERCENT = 5.0
+"""With less left a vehicle on its way home lands where it is, also where the gate watches no battery."""
+
+BEFORE_THE_GATE_PERCENT = 1.0
+"""It lands by so much earlier than the gate would have it land."""
+
 
 class Settings(Section):
     """One vehicle: body, law, sensors, map, group, autopilot, flight, link, safety, recording, simulation."""
@@ -43,6 +49,17 @@ class Settings(Section):
     def hard_limit_m(self) -> float:
         """Least distance ahead at which the vehicle must have stopped, from the middle of the body, in m."""
         return safety_rules.hard_limit_m(self.safety, self.vehicle, self.control)
+
+    @property
+    def turning_percent(self) -> float:
+        """The least charge to be left at home: with less in prospect it turns back. The gate lands below its own."""
+        return max(self.mission.reserve_percent, self.safety.battery_percent)
+
+    @property
+    def spent_percent(self) -> float:
+        """Charge at which a vehicle on its way home lands where it is: a little before the gate has it land."""
+        gate_percent = self.safety.battery_percent
+        return max(SPENT_PERCENT, gate_percent + BEFORE_THE_GATE_PERCENT if gate_percent > 0.0 else 0.0)
 
     @model_validator(mode="after")
     def _sections_fit(self) -> Self:

@@ -77,7 +77,7 @@ class Airborne:
         if self._operator.stop.is_set():
             raise InterruptedFlightError("stopped before the take-off; nothing was armed")
         phases.update(PhaseEvent.STARTED)
-        self._events.emit(Event.TAKING_OFF)
+        self._events.emit(Event.TAKING_OVER if self._operator.in_air else Event.TAKING_OFF)
         try:
             async with background(self._control_loop.run()), vehicle:
                 try:
@@ -85,8 +85,9 @@ class Airborne:
                 finally:
                     phases.update(PhaseEvent.STOPPED)
                 if not last.hands_off:
-                    await self._while_it_can(vehicle.hold() if self._action(why) == "hold" else vehicle.land())
-                    if self._coming_home is not None:
+                    holds = self._action(why) == "hold"
+                    await self._while_it_can(vehicle.hold() if holds else vehicle.land())
+                    if self._coming_home is not None and not holds:
                         self._coming_home.landed()
         finally:
             if self._is_left():
@@ -97,7 +98,8 @@ class Airborne:
     async def _explore(self) -> tuple[Termination, Termination]:
         """Take off, explore, and come home where that is what follows: why each of the two last ended."""
         vehicle, control_loop, ends = self._vehicle, self._control_loop, (self._operator.stop, self._gate.taken)
-        climb = vehicle.take_off(self._settings.control.height_m, control_loop.measured_height_m)
+        begin = vehicle.take_over if self._operator.in_air else vehicle.take_off
+        climb = begin(self._settings.control.height_m, control_loop.measured_height_m)
         await self._while_it_can(climb, *ends)
         await self._while_it_can(vehicle.engage(), *ends)
         began_s = self._session.clock.now_s()
@@ -119,6 +121,8 @@ class Airborne:
     def _action(self, why: Termination) -> str:
         """What follows the exploring: home, hold or land. What a person asked for goes before the settings."""
         wish, action = self._operator.wish, self._settings.mission.end_action
+        if wish is Wish.HOLD:
+            return "hold"
         if wish is Wish.LAND and why is Termination.STOPPED:
             return "land"
         if wish is Wish.HOME and why is Termination.STOPPED:

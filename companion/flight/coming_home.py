@@ -8,11 +8,11 @@ from typing import Any
 from companion.flight.control_loop import ControlLoop
 from companion.flight.events import Event, EventEmitter
 from companion.flight.lookout import Lookout
-from companion.flight.operator_commands import OperatorCommands
+from companion.flight.operator_commands import OperatorCommands, Wish
 from companion.flight.phase import PhaseEvent
 from companion.flight.preflight.ready import LOOK_PERIOD_S
 from companion.flight.session import Session
-from companion.flight.termination import Termination, homing_end, spent_percent
+from companion.flight.termination import Termination, homing_end
 from companion.model import Measurement
 
 TELL_PERIOD_S = 30.0
@@ -149,7 +149,7 @@ class ComingHome:
 
     def _watch_reach(self, now_s: float) -> None:
         """Tell once, when the battery turns out not to last: to be nearer to home is worth the way all the same."""
-        left_percent, spent = self._prospect.left_percent, spent_percent(self._settings)
+        left_percent, spent = self._prospect.left_percent, self._settings.spent_percent
         if left_percent is None or left_percent >= spent:
             self._short_since_s = None
         elif self._short_since_s is None:
@@ -159,7 +159,8 @@ class ComingHome:
             self._events.emit(Event.OUT_OF_REACH, spent=f"{spent:.0f}")
 
     def _tell(self, because: Termination, why: Termination) -> None:
-        then = "hands off" if why.hands_off else "landing"
+        stops = "holding" if self._operator.wish is Wish.HOLD else "landing"
+        then = "hands off" if why.hands_off else stops
         event = Event.HOMING_ENDED if why.as_it_should else Event.HOMING_ENDED_EARLY
         recorded = f"{because.value}; the way home: {why.value}"
         self._events.emit(event, why=why.value, brief=why.in_brief, then=then, recorded=recorded)

@@ -23,6 +23,7 @@ class Texts:
         recorded: the text in the recording, where it is not that of the console.
         severity: of the STATUSTEXT, and of the entry in the recording.
         state: what our heartbeat says from now on; None: as before.
+        again: whether the pilot is told also when that was the last thing that he was told: somebody waits for it.
     """
 
     console: str | None = None
@@ -31,6 +32,7 @@ class Texts:
     recorded: str | None = None
     severity: MavSeverity = MavSeverity.INFO
     state: MavState | None = None
+    again: bool = False
 
 
 _NOTICE, _WARNING, _ERROR = MavSeverity.NOTICE, MavSeverity.WARNING, MavSeverity.ERROR
@@ -69,10 +71,20 @@ class Event(enum.Enum):
     READY_FOR_COMMAND = Texts("ready: waiting for MAV_CMD_MISSION_START")
     CHECKING_AGAIN = Texts("checking again")
     TAKING_OFF = Texts("taking off", "companion: taking off", "phase", severity=_NOTICE, state=MavState.ACTIVE)
+    TAKING_OVER = Texts(
+        "taking the vehicle over from its own mission",
+        "companion: taking over from the mission",
+        "phase",
+        severity=_NOTICE,
+        state=MavState.ACTIVE,
+    )
     EXPLORING = Texts("exploring", "companion: exploring", content.ENGAGED, severity=_NOTICE, state=MavState.ACTIVE)
 
     PAUSED = Texts("paused: it stands until it is told to continue", "companion: paused", "pause", severity=_NOTICE)
     CONTINUED = Texts("goes on", "companion: goes on", "pause", severity=_NOTICE)
+    COMMAND_REFUSED = Texts(
+        "{what} refused: {reason}", "{what} refused: {reason}", "command", severity=_WARNING, again=True
+    )
 
     PROGRESS = Texts("{line}")
     NAVIGATOR_MODE = Texts(status="{mode}")
@@ -202,7 +214,7 @@ def status_text(status_reporter: StatusReporter) -> Sink:
     def sink(event: Event, details: Details) -> None:
         texts = event.value
         if texts.status is not None:
-            status_reporter.say(texts.status.format_map(details), texts.severity)
+            status_reporter.say(texts.status.format_map(details), texts.severity, texts.again)
         if texts.state is not None:
             status_reporter.state(texts.state, armed=texts.state is not MavState.STANDBY)
 

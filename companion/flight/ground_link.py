@@ -75,7 +75,7 @@ class GroundLink:
 
     def obey(self, command: Command, who: str) -> Answer:
         """Do what somebody at the ground asks."""
-        answer = self._operator.obey(command)
+        answer = self._operator.ask(command)
         told = "done" if answer.accepted else answer.reason
         self._events.emit(Event.LINK_COMMAND, who=who, command=command.value, answer=told)
         return answer
@@ -117,7 +117,7 @@ class GroundLink:
             then = self._mission.link_lost
             self._events.emit(Event.LINK_LOST, silent_s=silent_s, then=_THEN[then])
             if then in _ORDERS:
-                self._operator.obey(_ORDERS[then])
+                self._operator.ask(_ORDERS[then])
 
     async def _draw(self) -> None:
         now_s = self._clock.now_s()

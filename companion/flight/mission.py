@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from companion.autopilot.handover import Handover
 from companion.autopilot.status_reporter import StatusReporter
 from companion.autopilot.vehicle import Vehicle
 from companion.clock import MonotonicClock
@@ -27,16 +28,19 @@ from companion.flight.events import Event, EventEmitter, console, recording, sta
 from companion.flight.gate_client import GateClient
 from companion.flight.gate_socket import GateSocket
 from companion.flight.ground_link import GroundLink, linked
+from companion.flight.mavlink_commands import MavlinkCommands, Refusals
 from companion.flight.navigation_files import EarlierGround, Navigation
 from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands, UnfinishedError
 from companion.flight.phase import PhaseEvent, PhaseMachine
 from companion.flight.preflight import CheckResult
+from companion.flight.preflight.ready import LOOK_PERIOD_S
 from companion.flight.preflight.run import checked, passed
 from companion.flight.reporting import TickReporter, map_feed
 from companion.flight.request import FlightRequest
 from companion.flight.session import Session, open_session
 from companion.flight.situation import Situation
-from companion.flight.tasks import background
+from companion.flight.switch_commands import SwitchCommands
+from companion.flight.tasks import background, first_of
 from companion.flight.termination import Termination
 from companion.flight.warm_up import warm_up
 from companion.gate.runtime.processes import end_with_parent
@@ -95,7 +99,11 @@ async def fly(request: FlightRequest, gate: GateSocket, show: Show) -> dict[str,
         try:
             clock = MonotonicClock()
             async with open_session(settings, clock, GateClient(gate, clock, events, flight), flight) as session:
-                operator.listen(session.link)
+                refusals = Refusals(events, clock)
+                MavlinkCommands(operator, session.link, refusals)
+                if session.rc_switch is not None:
+                    switch = SwitchCommands(settings.mission.rc_switch, operator, flight, refusals)
+                    session.rc_switch.follow(switch.on_move)
                 status_reporter = StatusReporter(session.link, session.clock)
                 events.add(status_text(status_reporter))
                 async with background(status_reporter.run()):
@@ -290,16 +298,26 @@ class _Flight:
         self._events.emit(Event.READY_FOR_KEY if start == "key" else Event.READY_FOR_COMMAND)
         with self._operator.enter_key() if start == "key" else nullcontext():
             while True:
-                await self._operator.start.wait()
+                starts = (self._operator.start.wait(), *((self._handed_over(),) if start == "command" else ()))
+                for started in await first_of(*starts):
+                    started.result()  # what failed is no start
                 if clock.now_s() - checked_s > CHECKS_HOLD_S:
                     self._events.emit(Event.CHECKING_AGAIN)
-                    results = await passed(self._session, self._request, self._events)
+                    results = await passed(self._session, self._request, self._events, self._operator.in_air)
                     self._record(results)
                     checked_s = clock.now_s()
                 if self._operator.start.is_set():
                     return results
                 # A stop came while it was checked: it takes the start back.
                 self._events.emit(Event.WAITING)
+
+    async def _handed_over(self) -> None:
+        """Until the autopilot's own mission hands over the vehicle in the air, which is a start."""
+        session, handover = self._session, Handover(self._session.link)
+        while not handover.is_ours(session.telemetry.state(session.clock.now_s()), session.clock.now_s()):
+            await session.clock.sleep(LOOK_PERIOD_S)
+        self._operator.in_air = True
+        self._operator.start.set()
 
     def _record(self, results: list[CheckResult]) -> None:
         """Put every check on record, above all those that were skipped."""

@@ -1,33 +1,32 @@
-"""What people ask of a flight: start, pause, come home, land; by key, by signal, or from a ground station."""
+"""What people ask of a flight: start, pause, come home, land, stop; by key, by signal, or by command."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import enum
-import functools
 import signal
 import sys
 import termios
 from collections.abc import Callable, Coroutine, Iterator
 from typing import Any, TypeVar
 
-from companion.autopilot.interface import Link, LinkError, Message
-from companion.autopilot.vehicle_state import integer, number
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
 from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.link.words import Answer, Command
-from companion.mavlink.ids import MavCmd, MavComponent, MavResult
 
-LARGEST_COMMAND = 65535
+NOT_BY_COMMAND = "mission.start is not command"
 
-ACCEPTED = Answer(accepted=True)
-
-_COMMANDS: dict[int, Command] = {
-    MavCmd.MISSION_START: Command.START,
-    MavCmd.NAV_RETURN_TO_LAUNCH: Command.HOME,
-    MavCmd.NAV_LAND: Command.LAND,
+_DOES = {
+    FlightPhase.CHECKING: "it is still being checked",
+    FlightPhase.WAITING: "it stands and waits",
+    FlightPhase.TAKING_OFF: "it is taking off",
+    FlightPhase.EXPLORING: "it is exploring",
+    FlightPhase.HOMING: "it is on its way home",
+    FlightPhase.LEAVING: "it lands or holds already",
+    FlightPhase.ENDED: "its flight is over",
 }
+"""Why not, in words that fit a pilot's display."""
 
 T = TypeVar("T")
 
@@ -51,13 +50,15 @@ class Wish(enum.IntEnum):
     HOME = 2
     LAND = 3
     """Where it is."""
+    HOLD = 4
+    """Where it is: a stop."""
 
 
 class OperatorCommands:
     """What people ask for, from wherever it comes.
 
     Args:
-        by_command: whether a ground station may start the flight; it may always end it.
+        by_command: whether a command may start the flight; it may always end it.
         flight: knows the phase. A start that comes before one is waited for is refused: nobody expects a take-off
             minutes later. A signal in the air waits until the vehicle is down.
     """
@@ -67,6 +68,8 @@ class OperatorCommands:
         self.stop = asyncio.Event()
         """Ends a take-off."""
         self.wish = Wish.NOTHING
+        self.in_air = False
+        """Whether the start is that of a vehicle which flies already, and is handed over."""
         self.interrupted = False
         """Whether the stop came as a signal: Ctrl-C, or the end of the service."""
         self._by_command = by_command
@@ -74,55 +77,28 @@ class OperatorCommands:
         self._task: asyncio.Task[object] | None = None
         self._instead: Callable[[], None] | None = None
 
-    def obey(self, command: Command) -> Answer:
-        """Do what an operator asks, from wherever it comes; what became of it."""
+    @property
+    def by_command(self) -> bool:
+        """Whether a command may start the flight."""
+        return self._by_command
+
+    def ask(self, command: Command) -> Answer:
+        """Do what an operator asks for, or say why not. What is done already is accepted again."""
         phase = self._flight.phase
-        if command is Command.STOP:
-            return self._brake()
         if command is Command.START:
-            return self._begin()
+            return self._start(phase)
         if command in (Command.PAUSE, Command.CONTINUE):
-            if command is Command.PAUSE and phase is FlightPhase.TAKING_OFF:
-                # There is nothing to go on with, and whoever pauses a climb wants it to stop.
-                self._want(Wish.END)
-                return ACCEPTED
-            if self._flight.pause(command is Command.PAUSE):
-                return ACCEPTED
-            return _not_now(phase, "pauses only while it explores or comes home")
-        lands = command is Command.LAND
-        if not phase.steered and not (lands and phase is FlightPhase.TAKING_OFF):
-            return _not_now(phase, "lands only in the air" if lands else "comes home only once it explores")
-        self._want(Wish.LAND if lands else Wish.HOME)
-        return ACCEPTED
-
-    def _begin(self) -> Answer:
-        if not self._by_command:
-            return Answer(accepted=False, reason="mission.start is not command: the flight is started at the vehicle")
-        phase = self._flight.phase
-        if phase < FlightPhase.WAITING:
-            return _not_now(phase, "wait until it is ready")
-        if phase > FlightPhase.WAITING:
-            # It was done: who asks again has not heard of it yet.
-            return ACCEPTED if phase.steered or phase is FlightPhase.TAKING_OFF else _not_now(phase, "it has flown")
-        self.start.set()
-        return ACCEPTED
-
-    def _brake(self) -> Answer:
-        phase = self._flight.phase
-        if phase.steered:
+            return self._pause(command is Command.PAUSE, phase)
+        if command is Command.STOP and phase < FlightPhase.TAKING_OFF:
+            return self._stay()
+        least = FlightPhase.EXPLORING if command is Command.HOME else FlightPhase.TAKING_OFF
+        if not least <= phase < FlightPhase.LEAVING:
+            return Answer(False, _DOES[phase])
+        if command is Command.STOP:
+            # The end of a flight is looked for a few times a second; what is paused stands with the next tick.
             self._flight.pause(True)
-        elif phase in (FlightPhase.CHECKING, FlightPhase.TAKING_OFF):
-            self._want(Wish.END)
-        elif phase is FlightPhase.LEAVING:
-            return _not_now(phase, "the autopilot holds or lands it already: stop it there, from its ground station")
-        # On the ground whoever stops takes a start back that has not been obeyed yet.
-        self.start.clear()
-        return ACCEPTED
-
-    def listen(self, link: Link) -> None:
-        """Obey a ground station's commands to this component."""
-        for name in ("COMMAND_LONG", "COMMAND_INT"):
-            link.events(name, functools.partial(self._on_command, link), anyone=True)
+        self._want({Command.HOME: Wish.HOME, Command.LAND: Wish.LAND, Command.STOP: Wish.HOLD}[command])
+        return Answer(True)
 
     @contextlib.contextmanager
     def signals(self) -> Iterator[None]:
@@ -216,42 +192,25 @@ class OperatorCommands:
         self.wish = max(self.wish, wish)
         self.stop.set()
 
-    def _on_command(self, link: Link, message: Message) -> None:
-        command = integer(message, "command")
-        ours = (integer(message, "target_system"), integer(message, "target_component"))
-        if (
-            ours != (link.system_id, MavComponent.ONBOARD_COMPUTER)
-            or command is None
-            or not 0 <= command <= LARGEST_COMMAND
-        ):
-            return
-        result = self._obey(command, number(message, "param1"))
-        answer: dict[str, Any] = {
-            "command": command,
-            "result": result,
-            "progress": 0,
-            "result_param2": 0,
-            "target_system": message.system_id,
-            "target_component": message.component_id,
-        }
-        # A ground station that is gone when the answer leaves has its order all the same.
-        with contextlib.suppress(LinkError):
-            link.send("COMMAND_ACK", answer)
+    def _start(self, phase: FlightPhase) -> Answer:
+        if not self._by_command:
+            return Answer(False, NOT_BY_COMMAND)
+        if not FlightPhase.WAITING <= phase <= FlightPhase.EXPLORING:
+            return Answer(False, _DOES[phase])
+        self.start.set()
+        return Answer(True)
 
-    def _obey(self, command: int, parameter: float) -> int:
-        if command == MavCmd.DO_PAUSE_CONTINUE and parameter not in (0.0, 1.0):
-            return MavResult.DENIED
-        if command == MavCmd.DO_PAUSE_CONTINUE:
-            asked = Command.PAUSE if parameter == 0.0 else Command.CONTINUE
-        elif command in _COMMANDS:
-            asked = _COMMANDS[command]
-        else:
-            return MavResult.UNSUPPORTED
-        if self.obey(asked).accepted:
-            return MavResult.ACCEPTED
-        never = asked is Command.START and not self._by_command
-        return MavResult.DENIED if never else MavResult.TEMPORARILY_REJECTED
+    def _stay(self) -> Answer:
+        """On the ground a stop takes back a start that has not been obeyed yet: nothing takes off after it."""
+        self.start.clear()
+        if not self._by_command and self._flight.phase is FlightPhase.CHECKING:
+            # Then it would start by itself.
+            self._want(Wish.END)
+        return Answer(True)
 
-
-def _not_now(phase: FlightPhase, why: str) -> Answer:
-    return Answer(accepted=False, reason=f"not while {phase.in_words}: {why}")
+    def _pause(self, paused: bool, phase: FlightPhase) -> Answer:
+        if paused and phase is FlightPhase.TAKING_OFF:
+            # There is nothing to go on with, and whoever pauses a climb wants it to stop.
+            self._want(Wish.END)
+            return Answer(True)
+        return Answer(True) if self._flight.pause(paused) else Answer(False, _DOES[phase])

@@ -30,8 +30,7 @@ class Prospect:
         self.charge_percent: float | None = None
         self.way: WayHome | None = None
         self._charge = Charge(settings.mission.battery_low_v)
-        # What the gate lands with is never flown home with.
-        self._reserve = Reserve(max(settings.mission.reserve_percent, settings.safety.battery_percent))
+        self._reserve = Reserve(settings.turning_percent)
         self._began_s: float | None = None
         self._next_s = -math.inf
 

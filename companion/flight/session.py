@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from companion.autopilot.interface import Link
 from companion.autopilot.link import MavsdkLink
+from companion.autopilot.rc_switch import RcSwitch
 from companion.autopilot.telemetry import Telemetry
 from companion.clock import Clock
 from companion.config.settings import Settings
@@ -41,6 +42,8 @@ class Session:
     inputs: Synchronizer
     gate: GateClient
     flight: PhaseMachine
+    rc_switch: RcSwitch | None
+    """The transmitter's switch; None where none is configured."""
 
     def control_loop(
         self, explorer: Explorer, send: Callable[[Setpoint], bool] | None = None, watchers: tuple[Watcher, ...] = ()
@@ -66,7 +69,9 @@ async def open_session(
         sink = SensorSink(clock)
         drivers = load_drivers(settings, DriverContext(clock, link))
         async with background(telemetry.run(), *(_keep_running(driver, sink, clock) for driver in drivers)):
-            yield Session(settings, clock, link, telemetry, sink, Synchronizer(sink, telemetry.poses), gate, flight)
+            inputs, switch = Synchronizer(sink, telemetry.poses), settings.mission.rc_switch
+            rc_switch = None if switch.channel is None else RcSwitch(switch, link)
+            yield Session(settings, clock, link, telemetry, sink, inputs, gate, flight, rc_switch)
 
 
 async def _keep_running(driver: SensorDriver, sink: SensorSink, clock: Clock) -> None:

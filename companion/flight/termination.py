@@ -19,12 +19,6 @@ SAG_S = 5.0
 MAP_SILENT_S = 60.0
 """A map that says nothing for this long will not come back by itself; it is what the flight is for."""
 
-SPENT_PERCENT = 5.0
-"""With less left a vehicle on its way home lands where it is, also where the gate watches no battery."""
-
-BEFORE_THE_GATE_PERCENT = 1.0
-"""It lands by so much earlier than the gate would have it land."""
-
 
 class Termination(enum.StrEnum):
     """Reason for which the exploring, or the way home, ended."""
@@ -99,7 +93,7 @@ class Conditions:
         gate_took_over: whether the gate says that it holds or lands, so that such a mode is its doing.
         gate_lost: whether the gate is gone.
         stop_asked: whether a person asked for the end, whichever.
-        landing_asked: whether a person asked for the landing here.
+        landing_asked: whether a person asked for the end of the flight here, landing or holding.
         complete: whether the mission is done, as `Completion` says.
         flown_s: time since the take-off.
         blind_s: time since inputs were last fresh.
@@ -169,13 +163,7 @@ def is_spent(now: Conditions, settings: Settings) -> bool:
     """Whether no more than a landing is left in the battery, so that nothing is flown to any more."""
     vehicle, charge = now.vehicle, now.vehicle.charge_state
     by_autopilot = charge is not None and charge.is_low and (charge is not MavChargeState.LOW or vehicle.critical)
-    return by_autopilot or (now.charge_percent is not None and now.charge_percent < spent_percent(settings))
-
-
-def spent_percent(settings: Settings) -> float:
-    """Charge at which a vehicle on its way home lands where it is: a little before the gate has it land."""
-    gate_percent = settings.safety.battery_percent
-    return max(SPENT_PERCENT, gate_percent + BEFORE_THE_GATE_PERCENT if gate_percent > 0.0 else 0.0)
+    return by_autopilot or (now.charge_percent is not None and now.charge_percent < settings.spent_percent)
 
 
 def _not_ours(now: Conditions, settings: Settings) -> tuple[tuple[Termination, bool], ...]:

@@ -17,6 +17,7 @@ ALWAYS = frozenset(
         "PARAM_REQUEST_READ",
         "PARAM_REQUEST_LIST",
         "MISSION_REQUEST_LIST",
+        "MISSION_REQUEST_INT",
         "REQUEST_EVENT",
         "SET_GPS_GLOBAL_ORIGIN",
         "COMMAND_ACK",

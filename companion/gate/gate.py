@@ -333,7 +333,7 @@ class Gate:
             return True
         mode = allowlist.mode_asked_for(ours.kind, fields)
         if mode == ours.offboard:
-            return self.stage is Stage.PASS
+            return self.stage is Stage.PASS and (not self._vehicle.armed or self._has_it(now_s))
         return mode == ours.land or (mode == ours.hold and self.stage < Stage.LAND)
 
     def _lands(self, command: int, fields: Fields) -> bool:
@@ -342,8 +342,14 @@ class Gate:
             return True
         return command == MavCmd.DO_SET_MODE and allowlist.mode_asked_for(ours.kind, fields) == ours.land
 
+    def _has_it(self, now_s: float) -> bool:
+        """Whether an armed vehicle is the application's, or may become it now: by its own mission, from nobody else."""
+        return self._vehicle.airborne or (self._vehicle.hands_over and self._may_begin(now_s))
+
     def _may_begin(self, now_s: float) -> bool:
-        return self.stage is Stage.PASS and self._monitor.beat_age_s(now_s) <= ARMING_BEAT_S
+        """Whether a flight may: who ordered a stop before it has not taken that back."""
+        ticks = self._monitor.beat_age_s(now_s) <= ARMING_BEAT_S
+        return self.stage is Stage.PASS and ticks and not self._monitor.stop_ordered
 
     def _on_foreign_command(self, fields: Fields, frame: Frame) -> bool:
         """A command of somebody else: whether it is the stop that a person at a ground station orders.
@@ -354,6 +360,8 @@ class Gate:
             return False
         if fields["target_system"] not in (0, self._plan.system_id) or fields["target_component"] not in STOPPABLE:
             return False
+        if not (self._monitor.stop_ordered or self.airborne):
+            self._outgoing.say("stop ordered: nothing takes off", Fault.GROUND_STOP)
         self._monitor.stop_ordered = True
         self._answers.append(
             self._outgoing.acknowledge(

@@ -60,6 +60,7 @@ class Vehicle:
         self._mode_monitor = ModeMonitor(AutopilotKind.PX4)
         self._requests: dict[int, int] = {}  # component that asked for a mode -> number of its request
         self._asked_to_arm = False
+        self._handed_over = False
         self._armed_s = math.inf
         self._origin_s = math.inf
         self._is_somewhere = False
@@ -76,8 +77,13 @@ class Vehicle:
 
     @property
     def airborne(self) -> bool:
-        """Armed by the application, and not yet disarmed."""
-        return self._asked_to_arm and self.armed
+        """Armed by the application, or handed over to it in the air, and not yet disarmed."""
+        return (self._asked_to_arm or self._handed_over) and self.armed
+
+    @property
+    def hands_over(self) -> bool:
+        """Whether it flies a mission of its own, an item of which may hand it over; else whoever armed it has it."""
+        return self._mode_monitor.mode is not None and self._mode_monitor.mode == self.personality.mission
 
     @property
     def taken_over(self) -> str | None:
@@ -123,7 +129,8 @@ class Vehicle:
 
     def end_flight(self) -> None:
         """The flight is over: an arming from here on is a new one."""
-        self._asked_to_arm, self._armed_s = False, math.inf
+        self._asked_to_arm = self._handed_over = False
+        self._armed_s = math.inf
         self.aiding.reset()
         self.odometry.reset()
 
@@ -162,6 +169,7 @@ class Vehicle:
         elif command == MavCmd.NAV_LAND:
             self._mode_monitor.request(frozenset({ours.land}), may_disarm=True, passing=ours.passing_to(ours.land))
         elif (mode := mode_asked_for(ours.kind, fields)) is not None:
+            self._handed_over = self._handed_over or (mode == ours.offboard and self.armed)
             request = self._mode_monitor.request(frozenset({mode}), mode == ours.land, ours.passing_to(mode))
             self._requests[component] = request
 
@@ -191,3 +199,4 @@ class Vehicle:
             request = self._requests.pop(fields["target_component"], None)
             if request is not None:
                 self._mode_monitor.on_refused(request)
+                self._handed_over = self._handed_over and not self.hands_over

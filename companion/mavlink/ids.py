@@ -67,6 +67,7 @@ class MavChargeState(enum.IntEnum):
 class MavSysStatusSensor(enum.IntFlag):
     """MAV_SYS_STATUS_SENSOR, in the fields ``onboard_control_sensors_...`` of a SYS_STATUS."""
 
+    RC_RECEIVER = 0x10000
     PREARM_CHECK = 0x10000000
 
 
@@ -102,6 +103,8 @@ class MavCmd(enum.IntEnum):
     NAV_RETURN_TO_LAUNCH = 20
     NAV_LAND = 21
     NAV_TAKEOFF = 22
+    NAV_GUIDED_ENABLE = 92
+    """An item of a mission: whoever steers from outside has the vehicle from here on."""
     DO_SET_MODE = 176
     DO_PAUSE_CONTINUE = 193
     """With parameter 1 = 0 to the application a pause, to anybody else of the vehicle a stop; 1 continues."""

@@ -51,6 +51,7 @@ _TABLE = """
 43 MISSION_REQUEST_LIST 132: B target_system B target_component B mission_type
 48 SET_GPS_GLOBAL_ORIGIN 41: i latitude i longitude i altitude B target_system Q time_usec
 49 GPS_GLOBAL_ORIGIN 39: i latitude i longitude i altitude Q time_usec
+51 MISSION_REQUEST_INT 196: H seq B target_system B target_component B mission_type
 69 MANUAL_CONTROL 243: h x h y h z h r H buttons B target H buttons2 B enabled_extensions h s h t
   h aux1 h aux2 h aux3 h aux4 h aux5 h aux6
 70 RC_CHANNELS_OVERRIDE 124: H chan1_raw H chan2_raw H chan3_raw H chan4_raw H chan5_raw H chan6_raw H chan7_raw

@@ -90,6 +90,7 @@ class Personality:
         land: the mode in which it lands and disarms.
         taking_off: every mode that it may show between our take-off command and the height reached. PX4 changes from
             take-off to hold by itself, below the height asked for.
+        mission: the mode in which it flies a mission that may hand it over (NAV_GUIDED_ENABLE); None: none does.
         streams_before_mode: whether setpoints must be streaming before the mode is taken (PX4), or must not be, since
             they suppress the take-off (ArduPilot).
     """
@@ -99,6 +100,7 @@ class Personality:
     hold: int
     land: int
     taking_off: frozenset[int]
+    mission: int | None
     streams_before_mode: bool
 
     def passing_to(self, custom_mode: int) -> frozenset[int]:
@@ -122,6 +124,7 @@ _PX4 = Personality(
     hold=px4_mode(_PX4_AUTO, 3),
     land=px4_mode(_PX4_AUTO, 6),
     taking_off=frozenset({px4_mode(_PX4_AUTO, 2), px4_mode(_PX4_AUTO, 3)}),
+    mission=None,
     streams_before_mode=True,
 )
 _ARDUCOPTER = Personality(
@@ -130,6 +133,7 @@ _ARDUCOPTER = Personality(
     hold=17,
     land=9,
     taking_off=frozenset({4}),
+    mission=3,
     streams_before_mode=False,
 )
 

@@ -95,6 +95,7 @@ class _ArduPilot(Personality):
     texts_only_to_ground_stations = False
     takes_what_nobody_takes = True
     transmitter_at_boot = True
+    no_channel_us = 0
     takes_another_origin = False
     pauses = True
     no_such_message = "No ap_message for mavlink id ({})"
@@ -269,6 +270,10 @@ class _ArduPilot(Personality):
             return Behaviour.TAKEOFF
         fresh = state.target_age_s() < state.parameters["GUID_TIMEOUT"]
         return Behaviour.SETPOINTS if fresh and state.airframe.height_m >= _LIFTED_M else Behaviour.HOLD
+
+    def shows_receiver(self, state: State) -> bool:
+        """From the first word of a transmitter on, for good."""
+        return state.transmitter.heard_s is not None
 
     def supervise(self, state: State) -> None:
         self._watch_boot(state)

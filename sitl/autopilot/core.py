@@ -152,6 +152,10 @@ class Autopilot:
         if on:
             self.state.transmitter.heard(self.state.t_s)
 
+    def set_channel(self, number: int, pulse_us: int) -> None:
+        """Moves a stick or a switch of the transmitter, whose channels are counted from 1."""
+        self.state.channels_us[number - 1] = pulse_us
+
     def set_gps(self, present: bool) -> None:
         """Covers or uncovers the GPS antenna."""
         self._gps = self.state.gps_present = present

@@ -14,6 +14,7 @@ from sitl.autopilot.codec import LARGEST_DATAGRAM, Decoder, Encoder, Signing
 from sitl.autopilot.core import STEP_S, Autopilot
 from sitl.autopilot.mavlink import Message
 from sitl.autopilot.routing import Routes
+from sitl.autopilot.state import CHANNELS
 
 log = logging.getLogger(__name__)
 
@@ -23,8 +24,11 @@ Way = Address | asyncio.StreamWriter
 _MOST_PEERS = 16
 _MOST_CLIENTS = 8
 _SILENT_PEER_S = 30.0
+_LONGEST_US = 65535.0
 _UNSENT_BYTES = 1 << 18
-_CONTROL_COMMANDS = "takeover, rc on, rc off, battery PERCENT, battery volts VOLTS, gps on, gps off"
+_CONTROL_COMMANDS = (
+    "takeover, rc on, rc off, rc channel NUMBER MICROSECONDS, battery PERCENT, battery volts VOLTS, gps on, gps off"
+)
 
 
 class Endpoint:
@@ -210,6 +214,8 @@ class Endpoint:
             self.autopilot.set_gps(words[1] == "on")
         elif words in (["rc", "on"], ["rc", "off"]):
             self.autopilot.set_transmitter(words[1] == "on")
+        elif len(words) == 4 and words[:2] == ["rc", "channel"] and (moved := _channel(*words[2:])) is not None:
+            self.autopilot.set_channel(*moved)
         elif len(words) == 2 and words[0] == "battery" and (percent := _number(words[1], 100.0)) is not None:
             battery.percent, battery.measured_v = percent, None
         elif len(words) == 3 and words[:2] == ["battery", "volts"] and (volts := _number(words[2], 60.0)) is not None:
@@ -233,6 +239,11 @@ class _Datagrams(asyncio.DatagramProtocol):
 
     def error_received(self, exc: Exception) -> None:
         log.debug("%s", exc)
+
+
+def _channel(number: str, pulse_us: str) -> tuple[int, int] | None:
+    which, pulse = _number(number, CHANNELS), _number(pulse_us, _LONGEST_US)
+    return None if not which or pulse is None else (int(which), int(pulse))
 
 
 def _number(text: str, most: float) -> float | None:

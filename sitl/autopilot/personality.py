@@ -109,6 +109,8 @@ class Personality(ABC):
     """Whether it carries out itself what is for another component of its system that it has heard nowhere."""
     transmitter_at_boot: bool
     """Whether its simulator has a transmitter."""
+    no_channel_us: int
+    """In RC_CHANNELS, of a channel that there is not."""
     takes_another_origin: bool
     """Whether an origin that is told replaces the one before it."""
     pauses: bool
@@ -239,6 +241,10 @@ class Personality(ABC):
     @abstractmethod
     def return_mps(self, state: State) -> float:
         """How fast a return flies home."""
+
+    @abstractmethod
+    def shows_receiver(self, state: State) -> bool:
+        """Whether SYS_STATUS has the receiver among what is there, and RC_CHANNELS comes."""
 
     @abstractmethod
     def supervise(self, state: State) -> None:

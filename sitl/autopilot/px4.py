@@ -81,6 +81,7 @@ class _Px4(Personality):
     texts_only_to_ground_stations = True
     takes_what_nobody_takes = False
     transmitter_at_boot = False
+    no_channel_us = 65535
     takes_another_origin = True
     pauses = False
     no_such_message = None
@@ -275,6 +276,10 @@ class _Px4(Personality):
 
     def return_mps(self, state: State) -> float:
         return state.parameters["MPC_XY_CRUISE"]
+
+    def shows_receiver(self, state: State) -> bool:
+        """While it hears a transmitter."""
+        return not state.transmitter.lost
 
     def supervise(self, state: State) -> None:
         if not state.armed:

@@ -70,6 +70,7 @@ RATES_HZ: Mapping[str, float] = {
     "GLOBAL_POSITION_INT": 50.0,
     "ODOMETRY": 30.0,
     "HIGHRES_IMU": 50.0,
+    "RC_CHANNELS": 20.0,
     "DISTANCE_SENSOR": 10.0,
     "HIL_STATE_QUATERNION": 50.0,
     "VFR_HUD": 10.0,

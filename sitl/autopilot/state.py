@@ -16,6 +16,9 @@ from sitl.autopilot.mavlink import Message
 from sitl.autopilot.origin import GlobalPosition
 from sitl.autopilot.parameters import Parameters
 
+CHANNELS, NEUTRAL_US = 16, 1500
+"""Of the transmitter."""
+
 
 class Behaviour(enum.Enum):
     """What a mode does with the vehicle; several modes may do the same."""
@@ -124,6 +127,8 @@ class State:
     transmitter: Contact = field(default_factory=Contact)
     transmitter_on: bool = False
     """Whether somebody holds a transmitter that is switched on."""
+    channels_us: list[int] = field(default_factory=lambda: [NEUTRAL_US] * CHANNELS)
+    """Pulses of the receiver: the sticks, throttle included, are in the middle, and all switches too."""
     ground_station: Contact = field(default_factory=Contact)
     companion: Contact = field(default_factory=Contact)
     ready: bool = False

@@ -30,6 +30,7 @@ _INT16 = 32767
 _GRAVITY_MPS2 = 9.81
 _AIDED_S = 0.3
 _LOST_RATIO = 1.5
+_MOST_CHANNELS, _RSSI_UNKNOWN = 18, 255
 _NO_COVARIANCE = [math.nan] + [0.0] * 20
 
 
@@ -67,6 +68,8 @@ class Telemetry:
             "AUTOPILOT_VERSION": self._version,
             "ODOMETRY": self._odometry,
             "HIGHRES_IMU": self._imu,
+            "RC_CHANNELS": self._channels,
+            "MISSION_CURRENT": lambda: m.MAVLink_mission_current_message(0),
         }
         self._ratios = (0.1, 0.1)
         self._rng = random.Random(system_id)  # noqa: S311 - noise
@@ -116,6 +119,9 @@ class Telemetry:
         if not self._personality.position_valid(state):
             healthy &= ~m.MAV_SYS_STATUS_AHRS
         percent = int(self._personality.battery_percent(state))
+        receiver = m.MAV_SYS_STATUS_SENSOR_RC_RECEIVER if self._personality.shows_receiver(state) else 0
+        present |= receiver
+        healthy |= 0 if state.transmitter.lost else receiver
         voltage_mv = round(state.battery.voltage_v * 1e3)
         return m.MAVLink_sys_status_message(present, present, healthy, 250, voltage_mv, 1500, percent, 0, 0, 0, 0, 0, 0)
 
@@ -267,6 +273,16 @@ class Telemetry:
         version = self._personality.version
         return m.MAVLink_autopilot_version_message(
             capabilities, version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, self._system_id
+        )
+
+    def _channels(self) -> Message | None:
+        """What a receiver that has lost its transmitter puts out is nothing on PX4, and the last on ArduPilot."""
+        state = self._state
+        if not self._personality.shows_receiver(state):
+            return None
+        absent = [self._personality.no_channel_us] * (_MOST_CHANNELS - len(state.channels_us))
+        return m.MAVLink_rc_channels_message(
+            self._boot_ms, len(state.channels_us), *state.channels_us, *absent, _RSSI_UNKNOWN
         )
 
     def _imu(self) -> Message:

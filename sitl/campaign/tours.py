@@ -1,5 +1,8 @@
 """The good inspection tours that the missions of a campaign are compared with: one for each world, camera and speed.
 
+The speed is that which the simulated vehicle reaches when v_c is commanded: one that the vehicle cannot fly at,
+whatever chooses its way, would compare the vehicle with another one and not the choice with a good one.
+
 They are planned by the same workers as fly, and kept as the missions are.
 """
 
@@ -10,6 +13,7 @@ import traceback
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from companion.config.settings import Settings
 from sitl.campaign import ledger
 from sitl.campaign.mission import FAILED, Campaign, Mission, Row, failure
 from sitl.mines import load_world
@@ -33,7 +37,7 @@ def representatives(campaign: Campaign) -> dict[int, Mission]:
     for mission in campaign.missions:
         if mission.settings_json not in kinds:
             settings = mission.settings
-            kinds[mission.settings_json] = (settings.control.speed_mps, depends_on(settings))
+            kinds[mission.settings_json] = (_reached_mps(settings), depends_on(settings))
         drawn_by = mission.seed if mission.world == "random" else None
         found[mission.number] = first.setdefault(
             (mission.world, drawn_by, mission.site, kinds[mission.settings_json]), mission
@@ -46,7 +50,7 @@ def plan_tour(mission: Mission) -> Row:
     began_s = time.perf_counter()
     try:
         world = load_world(mission.world, mission.seed, mission.site.start, mission.site.reading)
-        speed_mps = mission.settings.control.speed_mps
+        speed_mps = _reached_mps(mission.settings)
         tour = inspection(world, mission.settings, mission.seed, speed_mps)
     except Exception as error:  # noqa: BLE001 - a mine for which there is no tour must not end the campaign
         return failure(f"{type(error).__name__}: {error}", traceback.format_exc())
@@ -57,9 +61,14 @@ def plan_tour(mission: Mission) -> Row:
         "tour_turned_rad": round(tour.turned_rad, 2),
         "tour_share": round(tour.share, 5),
         "tour_least_d_m": round(tour.least_d_m, 3),
-        "tour_speed_mps": speed_mps,
+        "tour_speed_mps": round(speed_mps, 3),
         "wall_time_s": round(time.perf_counter() - began_s, 2),
     }
+
+
+def _reached_mps(settings: Settings) -> float:
+    """The speed that the simulated vehicle reaches when v_c is commanded."""
+    return settings.control.speed_mps * settings.sim.dynamics.speed_gain
 
 
 def there(folder: Path) -> dict[int, Row]:
@@ -96,6 +105,7 @@ def _columns(row: Row, tour: Row) -> Row:
         "tour_time_s": time_s,
         "tour_length_m": length_m,
         "tour_share": number(tour, "tour_share"),
+        "tour_speed_mps": number(tour, "tour_speed_mps"),
         "time_ratio": _ratio(t_f_s, time_s),
         "way_ratio": _ratio(None if t_f_s is None else way_m, length_m),
     }

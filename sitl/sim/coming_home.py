@@ -123,7 +123,7 @@ class ComingHome:
 
 def _is_critical(flight: Flight, settings: Settings) -> bool:
     told_percent = flight.battery.told_percent
-    return told_percent is not None and told_percent < settings.safety.battery_percent
+    return told_percent is not None and told_percent < settings.spent_percent
 
 
 def _rounded(value: float) -> float | None:

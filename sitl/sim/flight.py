@@ -69,7 +69,7 @@ class Flight:
             self.map.merge(earlier.voxels)
         self.log = FlightLog(vehicle_id)
         self.battery = Battery(settings.sim.battery)
-        self.reserve = Reserve(settings.mission.reserve_percent)
+        self.reserve = Reserve(settings.turning_percent)
         self.fleet = Fleet(
             vehicle_id,
             group_range_m=settings.fleet.group_range_m,

@@ -335,9 +335,9 @@ def test_an_origin_that_is_no_longer_heard_is_not_known() -> None:
 def test_the_position_fix_is_asked_for_where_it_flies_by_gps(kind: AutopilotKind) -> None:
     """Protects the gate's sight of a lost fix: ArduPilot tells it only to who asks, oftener than the gate misses it."""
     settings = Settings()
-    with_gps = wanted_hz(kind, settings.autopilot.model_copy(update={"gps": True}))
+    with_gps = wanted_hz(kind, settings.autopilot.model_copy(update={"gps": True}), settings.mission)
     assert 2.0 / with_gps["GPS_RAW_INT"] < settings.safety.stale.gps_s, "one may be lost"
-    assert "GPS_RAW_INT" not in wanted_hz(kind, settings.autopilot.model_copy(update={"gps": False}))
+    assert "GPS_RAW_INT" not in wanted_hz(kind, settings.autopilot.model_copy(update={"gps": False}), settings.mission)
 
 
 def test_the_version_is_asked_for_until_it_comes() -> None:

@@ -67,6 +67,13 @@ class Vehicle:
         self.mode, self.armed = "land", False
         return True
 
+    async def hold(self) -> None:
+        await self._do("hold")
+        self.mode = "hold"
+
+    async def take_over(self, *_: object) -> None:
+        await self._do("take over")
+
     async def __aenter__(self) -> Self:
         return self
 
@@ -325,3 +332,10 @@ async def test_the_end_tells_when_the_mission_was_done(stand: Stand) -> None:
     stand.control_loop.way_is_left = False
     assert await stand.fly("complete") is Termination.COMPLETE
     assert stand.flight.done_at_s == pytest.approx(stand.flight.explored_s, abs=0.2)
+
+
+async def test_a_vehicle_that_is_handed_over_in_the_air_is_not_taken_off_with(stand: Stand) -> None:
+    stand.operator.in_air = True
+    assert await stand.fly("complete") is Termination.COMPLETE
+    assert stand.told == ["take over", "engage", "land", "leave"]
+    assert stand.events[0] == (Event.TAKING_OVER, {})

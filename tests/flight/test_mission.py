@@ -143,7 +143,7 @@ class Scene:
         telemetry, sink = Telemetry(self.link, clock, settings), self.mine.sink
         async with background(gate.run(), telemetry.run()):
             inputs = Synchronizer(sink, telemetry.poses)
-            yield Session(settings, clock, self.link, telemetry, sink, inputs, gate, flight)
+            yield Session(settings, clock, self.link, telemetry, sink, inputs, gate, flight, None)
 
     def ends_after(self, time_limit_s: float) -> None:
         """The flight has so much time."""

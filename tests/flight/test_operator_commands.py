@@ -3,23 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-import math
 import os
 import signal
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from companion.errors import InputError
 from companion.flight.operator_commands import OperatorCommands, UnfinishedError, Wish
 from companion.flight.phase import FlightPhase, PhaseMachine
-from companion.link.words import Answer, Command
-from companion.mavlink.ids import MavCmd
-from tests.autopilot.fake_link import FakeLink
-from tests.shared.clocks import HandClock
-
-OURS = {"target_system": 1, "target_component": 191}
+from companion.link.words import Command
 
 
 def in_phase(phase: FlightPhase) -> PhaseMachine:
@@ -28,116 +21,61 @@ def in_phase(phase: FlightPhase) -> PhaseMachine:
     return machine
 
 
-def told(
-    *commands: dict[str, Any], by_command: bool = True, phase: FlightPhase = FlightPhase.WAITING
-) -> tuple[OperatorCommands, FakeLink]:
-    """The operator's commands after a ground station (255, 190) has sent these."""
-    link = FakeLink(HandClock())
-    operator = OperatorCommands(by_command, in_phase(phase))
-    operator.listen(link)
-    for fields in commands:
-        link.deliver("COMMAND_LONG", {**OURS, "param1": 0.0, **fields}, system_id=255, component_id=190)
-    return operator, link
-
-
-def answers(link: FakeLink) -> list[int]:
-    return [fields["result"] for fields in link.sent_named("COMMAND_ACK")]
-
-
-def test_a_ground_station_starts() -> None:
-    operator, link = told({"command": MavCmd.MISSION_START})
-    assert operator.start.is_set()
-    assert answers(link) == [0]
-    (answer,) = link.sent_named("COMMAND_ACK")
-    assert (answer["target_system"], answer["target_component"]) == (255, 190)
-
-
-def test_a_start_counts_only_where_it_was_configured() -> None:
-    """With `start: key` somebody stands beside the vehicle: nobody else may start it."""
-    operator, link = told({"command": MavCmd.MISSION_START}, by_command=False)
-    assert not operator.start.is_set()
-    assert answers(link) == [2]
-
-
 CHECKING, WAITING, TAKING_OFF, EXPLORING, HOMING, LEAVING, ENDED = FlightPhase
-HOME, LAND = {"command": MavCmd.NAV_RETURN_TO_LAUNCH}, {"command": MavCmd.NAV_LAND}
-PAUSE = {"command": MavCmd.DO_PAUSE_CONTINUE}
-CONTINUE = {"command": MavCmd.DO_PAUSE_CONTINUE, "param1": 1.0}
-ACCEPTED, NOT_NOW = 0, 1
 
 
-@pytest.mark.parametrize("by_command", [True, False])
+@pytest.mark.parametrize("command", list(Command))
+@pytest.mark.parametrize("phase", list(FlightPhase))
+def test_every_command_is_done_or_refused_with_a_reason_that_fits_a_display(
+    command: Command, phase: FlightPhase
+) -> None:
+    """Protects whoever waits in front of a screen: silence is no answer."""
+    for by_command in (True, False):
+        answer = OperatorCommands(by_command, in_phase(phase)).ask(command)
+        assert answer.accepted is not bool(answer.reason)
+        assert len(f"{command.value} refused: {answer.reason}") <= 50
+
+
 @pytest.mark.parametrize(
-    ("order", "accepted"),
+    ("command", "phases"),
     [
-        (HOME, {EXPLORING: Wish.HOME, HOMING: Wish.HOME}),
-        (LAND, {TAKING_OFF: Wish.LAND, EXPLORING: Wish.LAND, HOMING: Wish.LAND}),
-        (PAUSE, {TAKING_OFF: Wish.END, EXPLORING: Wish.NOTHING, HOMING: Wish.NOTHING}),
-        (CONTINUE, {EXPLORING: Wish.NOTHING, HOMING: Wish.NOTHING}),
+        (Command.START, {WAITING, TAKING_OFF, EXPLORING}),
+        (Command.PAUSE, {TAKING_OFF, EXPLORING, HOMING}),
+        (Command.CONTINUE, {EXPLORING, HOMING}),
+        (Command.HOME, {EXPLORING, HOMING}),
+        (Command.LAND, {TAKING_OFF, EXPLORING, HOMING}),
+        (Command.STOP, {CHECKING, WAITING, TAKING_OFF, EXPLORING, HOMING}),
     ],
 )
-def test_what_a_ground_station_may_order_when(
-    order: dict[str, Any], accepted: dict[FlightPhase, Wish], by_command: bool
-) -> None:
-    """Protects the meaning of the answer: what cannot be done now is not accepted, and changes nothing later."""
+def test_what_is_accepted_when_and_accepted_again(command: Command, phases: set[FlightPhase]) -> None:
     for phase in FlightPhase:
-        operator, link = told(order, by_command=by_command, phase=phase)
-        assert answers(link) == [ACCEPTED if phase in accepted else NOT_NOW], phase
-        assert operator.wish is accepted.get(phase, Wish.NOTHING), phase
-        assert operator.stop.is_set() is (operator.wish is not Wish.NOTHING)
+        operator = OperatorCommands(True, in_phase(phase))
+        answers = {operator.ask(command).accepted for _ in range(2)}
+        assert answers == {phase in phases}, phase
 
 
-def test_a_pause_ends_with_continue() -> None:
+def test_a_stop_stands_with_the_next_tick_and_is_taken_back_by_nothing() -> None:
+    """Protects from the quarter of a second after which the end of a flight is looked for, and from a later order."""
     flight = in_phase(EXPLORING)
-    link = FakeLink(HandClock())
-    OperatorCommands(by_command=True, flight=flight).listen(link)
-    paused = []
-    for order in (CONTINUE, PAUSE, PAUSE, CONTINUE):
-        link.deliver("COMMAND_LONG", {**OURS, "param1": 0.0, **order}, system_id=255)
-        paused.append(flight.paused)
-    assert paused == [False, True, True, False]
-    assert answers(link) == [ACCEPTED] * 4
+    operator = OperatorCommands(True, flight)
+    assert operator.ask(Command.STOP).accepted
+    assert flight.paused
+    for later in (Command.LAND, Command.HOME):
+        operator.ask(later)
+    assert operator.wish is Wish.HOLD
+    assert operator.stop.is_set()
 
 
-def test_of_several_orders_the_nearer_landing_counts() -> None:
-    """Protects from an order that a later one takes back: who is landed by a person is not sent home by Ctrl-C."""
-    assert told(HOME, LAND, phase=EXPLORING)[0].wish is Wish.LAND
-    assert told(LAND, HOME, phase=EXPLORING)[0].wish is Wish.LAND
-
-
-def test_a_start_before_its_time_is_refused() -> None:
-    """Kept until the map has been loaded, it would let the vehicle take off when nobody expects it any more."""
-    operator, link = told({"command": MavCmd.MISSION_START}, phase=FlightPhase.CHECKING)
+def test_a_stop_on_the_ground_takes_the_start_back() -> None:
+    """Protects whoever stops while it is checked once more: before, the take-off followed all the same."""
+    operator = OperatorCommands(True, in_phase(WAITING))
+    assert operator.ask(Command.START).accepted
+    assert operator.ask(Command.STOP).accepted
     assert not operator.start.is_set()
-    assert answers(link) == [1]
-
-
-@pytest.mark.parametrize("elsewhere", [{"target_system": 2}, {"target_component": 1}, {"target_component": None}])
-def test_commands_to_others_are_not_ours(elsewhere: dict[str, Any]) -> None:
-    operator, link = told({"command": MavCmd.MISSION_START, **elsewhere})
-    assert not operator.start.is_set()
-    assert answers(link) == []
-
-
-@pytest.mark.parametrize("parameter", [0.5, -1.0, math.nan, None, "0"])
-def test_a_pause_that_is_neither_on_nor_off_is_denied(parameter: object) -> None:
-    operator, link = told({"command": MavCmd.DO_PAUSE_CONTINUE, "param1": parameter}, phase=EXPLORING)
-    assert not operator.stop.is_set()
-    assert answers(link) == [2]
-
-
-def test_other_commands_are_answered_as_unsupported() -> None:
-    _, link = told({"command": 400}, {"command": None})
-    assert answers(link) == [3], "what has no number cannot be answered"
-
-
-def test_a_ground_station_that_is_gone_has_its_order_all_the_same() -> None:
-    link = FakeLink(HandClock())
-    operator = OperatorCommands(by_command=True, flight=in_phase(EXPLORING))
-    operator.listen(link)
-    link.gone = True
-    link.deliver("COMMAND_LONG", {**OURS, "command": MavCmd.NAV_LAND, "param1": 0.0}, system_id=255)
-    assert operator.wish is Wish.LAND
+    assert not operator.stop.is_set(), "another start may follow"
+    by_itself = OperatorCommands(False, in_phase(CHECKING))
+    assert by_itself.ask(Command.STOP).accepted
+    assert by_itself.stop.is_set()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -236,57 +174,3 @@ async def test_what_goes_wrong_while_the_map_is_written_is_said() -> None:
 
     with pytest.raises(OSError, match="full"):
         await OperatorCommands(True, in_phase(FlightPhase.ENDED)).finish(fails(), lambda: None)
-
-
-def obeyed(
-    command: Command, phase: FlightPhase, by_command: bool = True
-) -> tuple[Answer, OperatorCommands, PhaseMachine]:
-    """What becomes of a command in a phase."""
-    flight = in_phase(phase)
-    operator = OperatorCommands(by_command, flight)
-    return operator.obey(command), operator, flight
-
-
-def test_a_stop_brakes_whatever_steers() -> None:
-    """Protects the one button that must not fail: it is never a question of the phase while we steer."""
-    for phase in (EXPLORING, HOMING):
-        answer, operator, flight = obeyed(Command.STOP, phase)
-        assert answer.accepted
-        assert flight.paused, "the next tick brakes"
-        assert operator.wish is Wish.NOTHING, "a person decides how it goes on"
-    answer, operator, _ = obeyed(Command.STOP, TAKING_OFF)
-    assert answer.accepted
-    assert operator.stop.is_set(), "the climb ends"
-
-
-def test_a_stop_on_the_ground_takes_the_start_back() -> None:
-    answer, operator, _ = obeyed(Command.START, WAITING)
-    assert answer.accepted
-    assert operator.obey(Command.STOP).accepted
-    assert not operator.start.is_set()
-    answer, operator, _ = obeyed(Command.STOP, CHECKING)
-    assert answer.accepted
-    assert operator.stop.is_set(), "nothing takes off after it"
-
-
-def test_what_the_autopilot_ends_it_is_told_to_stop_itself() -> None:
-    answer, operator, _ = obeyed(Command.STOP, LEAVING)
-    assert not answer.accepted
-    assert "autopilot" in answer.reason
-    assert not operator.stop.is_set()
-
-
-@pytest.mark.parametrize("command", list(Command))
-def test_each_refusal_says_why(command: Command) -> None:
-    for phase in FlightPhase:
-        answer, _, _ = obeyed(command, phase, by_command=False)
-        assert bool(answer.reason) is not answer.accepted
-
-
-@pytest.mark.parametrize("command", list(Command))
-def test_asked_twice_it_is_done_once(command: Command) -> None:
-    for phase in FlightPhase:
-        first, operator, flight = obeyed(command, phase)
-        state = (operator.wish, operator.start.is_set(), operator.stop.is_set(), flight.paused)
-        assert operator.obey(command) == first
-        assert (operator.wish, operator.start.is_set(), operator.stop.is_set(), flight.paused) == state

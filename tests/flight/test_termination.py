@@ -11,7 +11,7 @@ import pytest
 from companion.autopilot.vehicle_state import VehicleState
 from companion.config.settings import Settings
 from companion.flight.phase import FlightPhase, PhaseEvent, PhaseMachine
-from companion.flight.termination import Conditions, Termination, homing_end, is_spent, spent_percent, termination
+from companion.flight.termination import Conditions, Termination, homing_end, is_spent, termination
 from companion.mavlink.ids import MavChargeState
 
 SETTINGS = Settings()
@@ -203,7 +203,7 @@ def test_how_a_way_home_ends(now: Conditions, why: Termination | None) -> None:
 def test_it_lands_by_itself_before_the_gate_has_it_land(gate_percent: float, spent: float) -> None:
     """Protects the last metres: the gate lands at once, this one comes to stand before, and says so."""
     settings = Settings.model_validate({"safety": {"battery_percent": gate_percent}})
-    assert spent_percent(settings) == spent
+    assert settings.spent_percent == spent
     assert is_spent(conditions(charge_percent=spent - 0.1), settings)
     assert not is_spent(conditions(charge_percent=spent), settings)
     assert not is_spent(conditions(charge_percent=None), settings)

@@ -179,3 +179,27 @@ def test_the_autopilot_and_the_application_order_nothing_as_a_person() -> None:
     for component in (AUTOPILOT, APPLICATION, GATE):
         scene.gate.on_autopilot_message(frame("COMMAND_LONG", component, **ORDER), NOW_S)
     assert not ordered(scene)
+
+
+def stop(scene: Scene) -> list[str]:
+    """A person orders one; what the gate says to it."""
+    texts_of(scene.gate)
+    scene.gate.on_autopilot_message(frame("COMMAND_LONG", GROUND[1], GROUND[0], **ORDER), NOW_S)
+    return texts_of(scene.gate)
+
+
+def test_after_a_stop_on_the_ground_nothing_takes_off() -> None:
+    """Protects from a vehicle that is armed and braked on the ground, and from a stop that seems not to be heard."""
+    scene = Scene()
+    assert stop(scene) == ["stop ordered: nothing takes off"]
+    assert stop(scene) == [], "once"
+    assert not scene.passes(command(400, 1.0)), "not armed"
+    assert not scene.passes(command(22))
+    assert scene.passes(command(400, 0.0)), "but disarmed at any time"
+    scene.gate.on_application_started()
+    scene.beat(Phase.GROUND)
+    assert scene.passes(command(400, 1.0)), "who runs it again means it"
+
+
+def test_a_stop_in_the_air_is_not_about_taking_off() -> None:
+    assert stop(flying()) == []

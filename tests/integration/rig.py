@@ -163,9 +163,14 @@ async def fly_all(stages: Sequence[Stage], flight: Callable[[Stage], Coroutine[A
 
 
 def take_over(control_port: int) -> None:
-    """A pilot's hand on the switch of the transmitter of the stub with this control port."""
+    """A pilot's hand on the mode switch of the transmitter of the stub with this control port."""
+    transmitter(control_port, "takeover")
+
+
+def transmitter(control_port: int, words: str) -> None:
+    """What a pilot does with it: "rc on", "rc off", "rc channel 7 2000"."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as hand:
-        hand.sendto(b"takeover", (LOOPBACK, control_port))
+        hand.sendto(words.encode(), (LOOPBACK, control_port))
 
 
 @dataclass(frozen=True, slots=True)

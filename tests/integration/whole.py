@@ -8,7 +8,7 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -92,16 +92,20 @@ def flown(
     personality: str,
     gps: bool = True,
     time_limit_s: float = 120.0,
-    more: Mapping[str, dict[str, Any]] | None = None,
+    mission: dict[str, Any] | None = None,
+    parameters: Sequence[str] = (),
+    link: Mapping[str, Any] | None = None,
 ) -> Iterator[Flown]:
     """Autopilot, world, gate and application, started; all of them end with the block.
 
     Args:
-        folder: for everything that it writes.
+        folder: of the flight.
         personality: px4 or ardupilot.
-        gps: else odometry.
+        gps: False: by external odometry.
         time_limit_s: of the exploring.
-        more: settings of the application besides.
+        mission: settings of that section, besides.
+        parameters: of the autopilot, as NAME=VALUE.
+        link: settings of that section.
     """
     plan = FlightPlan(
         folder=folder,
@@ -110,8 +114,8 @@ def flown(
         world=str(write_box(folder / "room.ply", SIZE_M, START)),
         seed=3,
         time_limit_s=time_limit_s,
-        settings={"sensors": {"camera": CAMERA}, **(more or {})},
-        autopilot=("--boot-s", f"{BOOT_S:g}"),
+        settings={"sensors": {"camera": CAMERA}, "mission": mission or {}, "link": dict(link or {})},
+        autopilot=("--boot-s", f"{BOOT_S:g}", *(part for one in parameters for part in ("--param", one))),
         world_options=("--config", str(folder / "vehicle.yaml")),
     )
     log = folder / "application.log"

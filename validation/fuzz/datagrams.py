@@ -17,6 +17,8 @@ from companion.autopilot.link import MavsdkLink
 from companion.autopilot.telemetry import Telemetry
 from companion.clock import MonotonicClock
 from companion.config.settings import Settings
+from companion.flight.events import EventEmitter
+from companion.flight.mavlink_commands import MavlinkCommands, Refusals
 from companion.flight.operator_commands import OperatorCommands
 from companion.flight.phase import PhaseMachine
 from tests.autopilot.loopback import Responder, linked
@@ -97,7 +99,7 @@ class Line:
         self.clock = MonotonicClock()
         self.telemetry = Telemetry(link, self.clock, Settings())
         self.operator = OperatorCommands(by_command=False, flight=PhaseMachine())
-        self.operator.listen(link)
+        MavlinkCommands(self.operator, link, Refusals(EventEmitter(), self.clock))
         self.seen: list[Message] = []
         link.events("ATTITUDE", self._note)
 

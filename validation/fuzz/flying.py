@@ -25,6 +25,7 @@ from companion.config.settings import Settings
 from companion.control import standing
 from companion.flight.control_loop import ControlLoop, Rate
 from companion.flight.events import EventEmitter, console, recording, status_text
+from companion.flight.mavlink_commands import MavlinkCommands, Refusals
 from companion.flight.operator_commands import OperatorCommands
 from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.flight.reporting import TickReporter
@@ -89,7 +90,7 @@ class Flying:
         self.vehicle = Vehicle(self.link, self.telemetry, SETTINGS, self.clock)
         self.flight = PhaseMachine()
         self.operator = OperatorCommands(by_command=True, flight=self.flight)
-        self.operator.listen(self.link)
+        MavlinkCommands(self.operator, self.link, Refusals(EventEmitter(console(self._say)), self.clock))
         self.commands = Commands(self.link.send, 1)
         self.link.events("COMMAND_ACK", self.commands.acknowledged)
         self.status_reporter = StatusReporter(self.link, self.clock)

@@ -25,6 +25,10 @@ LOOK_M = 6.0
 LEAST_POINTS, LEAST_SHARE = 30, 0.55
 """A place is recognised by so many points of walls, so much of which lies on known walls."""
 
+CLEARLY_SHARE, CLEARLY_BY = 0.4, 0.1
+"""Where walls tell a place so clearly, less of them is enough: the way out saw it from elsewhere, and noise takes its
+part. Of 133 comparisons with the oldest looks in four missions, the 20 that were as clear were right to 0.11 m."""
+
 REACH_M, REACH_RAD = 0.3, math.radians(4.0)
 """So far it may be off at each comparison, and by the drift of the way since walls last told the place."""
 
@@ -92,7 +96,7 @@ class Alignment:
             if len(known_m) == 0:
                 continue
             found = match(look_m, (here.x_m, here.y_m), known_m, reach_m, REACH_RAD)
-            if found.share >= LEAST_SHARE:
+            if found.share >= LEAST_SHARE or (found.share >= CLEARLY_SHARE and found.better_by >= CLEARLY_BY):
                 is_told = found.better_by >= TOLD_BY
                 if is_told:
                     self._since_m = 0.0

@@ -144,6 +144,8 @@ class Homing:
             return None
         if self.homeward is None:
             self.homeward = Homeward(self._parameters, self._ground, self.home)
+            # Only here it is known how far it has flown, and so how far its position may have drifted since it left.
+            self._alignment = Alignment(self._keyframes)
             self._least_s = t_s
         return self.homeward
 

@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
 from companion.autopilot.interface import Link
+from companion.autopilot.rc_switch import RcSwitch
 from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle_state import VehicleState
 from companion.clock import Clock, MonotonicClock
@@ -21,6 +22,7 @@ from companion.flight.preflight.parameter_check import check_rule
 from companion.flight.preflight.parameter_rules import parameter_check_names, rules
 from companion.flight.preflight.position import POSE_AGE_S, STANDING, estimator, standing
 from companion.flight.preflight.prearm import PREARM, prearm
+from companion.flight.preflight.rc_switch_check import RC_SWITCH, check_switch
 from companion.flight.preflight.result import CheckResult, age
 from companion.mavlink.firmware import MEASURED_BRAKE_MPS2, MEASURED_HOLD_CREEP_M, AutopilotKind
 from companion.model import Beam
@@ -38,6 +40,8 @@ STANDING_M = 1.0
 MAP_MB = 200.0
 MB = 1e6
 BRAKING = "braking"
+ON_THE_GROUND = ("height", STANDING, PREARM, "disarmed", "mode")
+"""Checks of a vehicle that stands and is nobody's yet."""
 _BUSY_MODES = frozenset(
     {"mission", "auto", "return", "rtl", "smart_rtl", "auto_rtl", "land", "precision land", "termination"}
 )
@@ -49,7 +53,8 @@ def check_names(settings: Settings) -> tuple[str, ...]:
     """The names of all checks, as `run_checks` skips them, of both autopilots."""
     connection = ("link", "autopilot", "attitude", "position", "clock")
     vehicle = ("height", "estimator", STANDING, ORIGIN, PREARM, "battery", "storage", "disarmed", "mode", BRAKING)
-    return (*connection, *_sensor_names(settings), *vehicle, *parameter_check_names(settings))
+    switch = () if settings.mission.rc_switch.channel is None else (RC_SWITCH,)
+    return (*connection, *_sensor_names(settings), *vehicle, *switch, *parameter_check_names(settings))
 
 
 async def run_checks(
@@ -63,6 +68,8 @@ async def run_checks(
     height_m: float | None = None,
     clock: Clock | None = None,
     link_problem: str = "",
+    rc_switch: RcSwitch | None = None,
+    started: bool = False,
 ) -> list[CheckResult]:
     """Look at everything that a flight needs. A check that fails is a result, not an error.
 
@@ -76,6 +83,8 @@ async def run_checks(
         height_m: the measured height above ground, None when it is not known.
         clock: what time it is; by default that of this computer.
         link_problem: what the gate says is wrong with the link; empty: nothing.
+        rc_switch: the transmitter's switch; None: there is none.
+        started: whether somebody has started the flight already.
 
     Raises:
         InputError: ``skip`` names a check that does not exist.
@@ -99,6 +108,7 @@ async def run_checks(
         _storage(settings),
         _disarmed(state),
         _mode(state),
+        *check_switch(rc_switch, started, now_s),
         braking(link.kind, settings),
     ]
     results = [_skipped(result.name) if result.name in skip else result for result in results]

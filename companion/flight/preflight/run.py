@@ -6,7 +6,8 @@ import numpy as np
 
 from companion.errors import CompanionError
 from companion.flight.events import Event, EventEmitter
-from companion.flight.preflight import CheckResult, refusal, render, run_checks
+from companion.flight.phase import FlightPhase
+from companion.flight.preflight import ON_THE_GROUND, CheckResult, refusal, render, run_checks
 from companion.flight.preflight.ready import until_ready
 from companion.flight.request import FlightRequest
 from companion.flight.session import Session
@@ -21,9 +22,18 @@ class FlightRefusedError(CompanionError):
     """A pre-flight check failed."""
 
 
-async def passed(session: Session, request: FlightRequest, events: EventEmitter) -> list[CheckResult]:
-    """The results, when the vehicle may fly; told to the pilot when it may not."""
-    results = await checked(session, request, events)
+async def passed(
+    session: Session, request: FlightRequest, events: EventEmitter, in_air: bool = False
+) -> list[CheckResult]:
+    """The results, when the vehicle may fly; told to the pilot when it may not.
+
+    Args:
+        session: listens.
+        request: which checks are skipped, and whether parameters are set.
+        events: who is told.
+        in_air: it is handed over in the air: what is about a vehicle that stands is left out, and nothing is set.
+    """
+    results = await checked(session, request, events, in_air)
     why = refusal(results)
     if why is None:
         return results
@@ -32,8 +42,10 @@ async def passed(session: Session, request: FlightRequest, events: EventEmitter)
     raise FlightRefusedError(why)
 
 
-async def checked(session: Session, request: FlightRequest, events: EventEmitter) -> list[CheckResult]:
-    """Wait until the autopilot is ready, listen for a while, and look at everything."""
+async def checked(
+    session: Session, request: FlightRequest, events: EventEmitter, in_air: bool = False
+) -> list[CheckResult]:
+    """Wait until the autopilot is ready, listen for a while, and look at everything. Arguments as of `passed`."""
     settings, clock = session.settings, session.clock
     control_loop = session.control_loop(Explorer(settings, np.random.default_rng(0)))
     async with background(control_loop.run()):
@@ -47,9 +59,11 @@ async def checked(session: Session, request: FlightRequest, events: EventEmitter
             session.telemetry,
             settings,
             session.sink.statistics(clock.now_s()),
-            fix=request.fix,
-            skip=(*settings.mission.skip_checks, *request.skip),
+            fix=request.fix and not in_air,
+            skip=(*settings.mission.skip_checks, *request.skip, *(ON_THE_GROUND if in_air else ())),
             height_m=control_loop.measured_height_m(),
             clock=clock,
             link_problem=session.gate.link_problem,
+            rc_switch=session.rc_switch,
+            started=session.flight.phase >= FlightPhase.WAITING,
         )

@@ -126,6 +126,10 @@ async def test_a_test_can_be_the_pilot() -> None:
                 b"battery volts 13.6",
                 b"gps off",
                 b"rc on",
+                b"rc channel 0 2000",
+                b"rc channel 17 2000",
+                b"rc channel 8 x",
+                b"rc channel 8 2000",
                 b"takeover",
             ):
                 hand.sendto(text, (LOOPBACK, endpoint.control_port or 0))
@@ -135,7 +139,8 @@ async def test_a_test_can_be_the_pilot() -> None:
                     break
             state = endpoint.autopilot.state
             assert endpoint.autopilot.mode.name == "POSCTL"
-            assert endpoint.bad == 3
+            assert endpoint.bad == 6
+            assert (state.channels_us[6], state.channels_us[7]) == (1500, 2000)
             assert state.battery.percent == pytest.approx(30.0, abs=0.1)
             assert state.battery.voltage_v == 13.6
             assert not state.gps_present

@@ -9,10 +9,12 @@ import pytest
 
 from companion.config.settings import Settings
 from companion.config.vary import vary
+from sitl.campaign import tours
 from sitl.campaign.group_tables import group_tables
 from sitl.campaign.groups import Group
 from sitl.campaign.mission import Campaign, Mission, Row, failure
 from sitl.campaign.tours import compared, representatives
+from sitl.tour.inspection import Inspection
 from tests.sitl.campaign.missions import mission
 
 
@@ -35,6 +37,20 @@ def test_a_tour_is_of_a_world_and_a_speed_and_of_no_choice() -> None:
     )
     found = representatives(Campaign(missions, {}, ()))
     assert [found[number].number for number in range(7)] == [0, 0, 2, 3, 4, 4, 6]
+
+
+def test_a_tour_is_flown_as_fast_as_the_vehicle_flies(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protects the comparison from a tour that no choice could match: that of a vehicle which obeys better."""
+    asked: list[float] = []
+
+    def flown(_world: object, _settings: object, _seed: int, speed_mps: float) -> Inspection:
+        asked.append(speed_mps)
+        return Inspection(10.0, 5.0, 1.0, 1, 0.99, 1.0, ())
+
+    monkeypatch.setattr(tours, "inspection", flown)
+    row = tours.plan_tour(of(0, "room", 1, speed_mps=0.5))
+    assert asked == [pytest.approx(0.5 * Settings().sim.dynamics.speed_gain)]
+    assert row["tour_speed_mps"] == pytest.approx(asked[0])
 
 
 def row(number: int, **figures: object) -> Row:

@@ -20,6 +20,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.autopilot.telemetry import Telemetry
 from companion.autopilot.vehicle import Vehicle
 from companion.errors import InputError
+from companion.flight.events import EventEmitter
+from companion.flight.mavlink_commands import MavlinkCommands, Refusals
 from companion.flight.operator_commands import OperatorCommands
 from companion.flight.phase import PhaseMachine
 from companion.mavlink.ids import MavCmd
@@ -109,9 +111,10 @@ def test_a_pose_of_long_ago_is_no_pose() -> None:
     "fields", [{"param1": 10**400}, {"command": 300.0}, {"command": None}, {"target_system": True}]
 )
 def test_a_command_that_cannot_be_read_starts_nothing(fields: dict[str, Any], caplog: pytest.LogCaptureFixture) -> None:
-    link = FakeLink(HandClock())
+    clock = HandClock()
+    link = FakeLink(clock)
     operator = OperatorCommands(by_command=True, flight=PhaseMachine())
-    operator.listen(link)
+    MavlinkCommands(operator, link, Refusals(EventEmitter(), clock))
     told = {"target_system": 1, "target_component": 191, "command": MavCmd.MISSION_START, "param1": 0.0}
     link.deliver("COMMAND_LONG", told | {"command": 193} | fields if "param1" in fields else told | fields, 255, 190)
     assert not operator.start.is_set()

@@ -1,0 +1,55 @@
+"""Where on its way out a vehicle is, by the walls that it sees."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from companion.control.homing.homing import Homing
+from companion.control.known_ground import UPRIGHT_57_DEG, KnownGround
+from companion.model import Measurement, Pose
+from tests.control.scene import CAMERA_RAD, Scene, box, law_parameters
+
+#: A ring of drifts 4 m wide about a pillar, with a niche by which a place of its south side is told.
+RING = Scene(box(-4.0, -2.0, 42.0, 18.0), box(4.0, 2.0, 38.0, 14.0), box(-1.0, -2.0, 0.0, -1.2))
+
+#: A whole lap, to just before where it began.
+LAP_M = [(0.0, 0.0), (40.0, 0.0), (40.0, 16.0), (-2.0, 16.0), (-2.0, 2.0)]
+
+
+def flown_out() -> tuple[Homing, float]:
+    """A vehicle that has flown a lap and turns back, and when."""
+    homing, t_s = Homing(law_parameters(), KnownGround(UPRIGHT_57_DEG, 0.25)), 0.0
+    for (x_m, y_m), (to_x_m, to_y_m) in itertools.pairwise(LAP_M):
+        yaw_rad, length_m = math.atan2(to_y_m - y_m, to_x_m - x_m), math.dist((x_m, y_m), (to_x_m, to_y_m))
+        for step in range(int(length_m)):
+            share, t_s = step / length_m, t_s + 1.0
+            pose = Pose(t_s, x_m + share * (to_x_m - x_m), y_m + share * (to_y_m - y_m), 1.5, yaw_rad)
+            homing.fly_out(RING.measure(pose, CAMERA_RAD, pose.z_m), pose)
+    homing.begin(t_s)
+    return homing, t_s
+
+
+def noisy(seen: Measurement, noise_m: float) -> Measurement:
+    """With walls that lie a little elsewhere in each direction."""
+    assert seen.scan is not None
+    off_m = np.random.default_rng(1).normal(0.0, noise_m, len(seen.scan.ranges_m))
+    return replace(seen, scan=seen.scan._replace(ranges_m=seen.scan.ranges_m + off_m))
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 0.2], ids=["clear", "noisy"])
+def test_home_is_recognised_after_a_long_way(noise_m: float) -> None:
+    """Protects the landing: the whole way out counts for how far the position may have drifted.
+
+    And a place that walls tell clearly is believed though noise and other views take half of what agrees.
+    """
+    homing, t_s = flown_out()
+    truly = Pose(t_s + 1.0, -1.5, 0.5, 1.5, 0.0)
+    believed = replace(truly, x_m=truly.x_m + 0.8, y_m=truly.y_m + 0.5)
+    homing.align(noisy(RING.measure(truly, CAMERA_RAD, truly.z_m), noise_m), believed, truly.t_s)
+    found = homing.pose(believed)
+    assert math.hypot(found.x_m - truly.x_m, found.y_m - truly.y_m) < 0.15
