@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import signal
+import socket
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 
 from companion.config.link import LinkSettings
 from companion.control.graph import Graph
+from companion.errors import InputError
 from companion.link.drawing import Drawing
 from companion.link.ground.station import LinkStation
 from companion.link.vehicle import client as clients
@@ -98,15 +100,22 @@ async def test_a_process_that_dies_or_hangs_is_started_again_and_costs_the_fligh
 
 
 async def test_a_link_that_cannot_listen_is_told_of_and_is_tried_again(
-    tmp_path: Path, mine: Mine, monkeypatch: pytest.MonkeyPatch
+    mine: Mine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Protects who looks for the reason why the ground hears nothing; the flight goes on."""
     monkeypatch.setattr(clients, "REST_S", (0.1,))
-    settings = LinkSettings(enabled=True, certificates=str(tmp_path), listen=(f"tls/127.0.0.1:{free_tcp_port()}",))
     told: list[str] = []
-    async with LinkClient(
-        settings, mine.folder / "map.journal", lambda *_: Answer(accepted=True), told.append
-    ) as client:
-        await until(lambda: told and client.restarts, client)
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        settings = LinkSettings(enabled=True, listen=(f"tcp/127.0.0.1:{other.getsockname()[1]}",))
+        journal = mine.folder / "map.journal"
+        async with LinkClient(settings, journal, lambda *_: Answer(accepted=True), told.append) as client:
+            await until(lambda: told and client.restarts, client)
     assert len(told) == 1, "once is enough"
-    assert "make it with `companion keys`" in told[0]
+    assert "is another program there" in told[0]
+
+
+async def test_nobody_takes_off_with_certificates_that_can_never_do(tmp_path: Path, mine: Mine) -> None:
+    settings = LinkSettings(enabled=True, certificates=str(tmp_path), listen=("tls/127.0.0.1:7447",))
+    with pytest.raises(InputError, match="make it with `companion keys`"):
+        async with LinkClient(settings, mine.folder / "map.journal", lambda *_: Answer(accepted=True), pytest.fail):
+            pass

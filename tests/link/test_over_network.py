@@ -126,7 +126,11 @@ def authority(tmp_path: Path) -> Authority:
     return made
 
 
-def test_a_third_lost_and_outages_leave_the_maps_equal(tmp_path: Path, mine: Mine, authority: Authority) -> None:
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("outage_s", [0.4, pytest.param(60.0, marks=pytest.mark.long)])
+def test_a_third_lost_and_outages_leave_the_maps_equal(
+    outage_s: float, tmp_path: Path, mine: Mine, authority: Authority
+) -> None:
     """Three of ten packets are lost, both ways, and twice nothing comes through."""
     (port,) = free_udp_ports(1)
     with (
@@ -137,8 +141,8 @@ def test_a_third_lost_and_outages_leave_the_maps_equal(tmp_path: Path, mine: Min
         seen = known(ground)
         for step in range(30):
             mine.grow()
-            network.silent = step in range(8, 12) or step in range(18, 22)
-            time.sleep(0.1)
+            network.silent = step in (10, 20)
+            time.sleep(outage_s if network.silent else 0.1)
         network.silent = False
         until(lambda: seen.has_whole_map and held(seen.source()) == held(mine.journal), 60.0)
         assert network.lost > 0.2 * network.passed
