@@ -10,7 +10,10 @@ import zenoh
 from companion.errors import CompanionError
 from companion.link.certificates import AUTHORITY_CERTIFICATE, OWN_CERTIFICATE, OWN_KEY, Certificates, common_name
 
-SEND_BUFFER_BYTES = 65_536
+BATCH_BYTES = 8_192
+"""Larger messages go in pieces of this, between which what is more urgent goes first."""
+
+SEND_BUFFER_BYTES = 16_384
 """Of the system, for each connection: what waits there can be overtaken by nothing, not even the answer to a stop."""
 
 MOST_MESSAGE_BYTES = 4_000_000
@@ -105,6 +108,7 @@ def _settings(listen: Sequence[str], connect: Sequence[str]) -> dict[str, object
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
+        "transport/link/tx/batch_size": BATCH_BYTES,
         "transport/link/rx/max_message_size": MOST_MESSAGE_BYTES,
         "transport/link/tcp/so_sndbuf": SEND_BUFFER_BYTES,
         "transport/link/tls/so_sndbuf": SEND_BUFFER_BYTES,
