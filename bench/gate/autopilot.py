@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import math
 import select
 import socket
 import threading
@@ -16,7 +17,7 @@ from companion.mavlink.codec import Encoder, Framer, decode
 from companion.mavlink.ids import MavModeFlag
 from sitl.autopilot.mavlink import dialect as m
 
-AUTOPILOT, GATE = 1, 192
+AUTOPILOT, APPLICATION, GATE = 1, 191, 192
 TELEMETRY_HZ = {
     "ATTITUDE": 250.0,
     "HIGHRES_IMU": 200.0,
@@ -180,10 +181,12 @@ class Wire:
     Attributes:
         port: where the autopilot sends.
         setpoints: ns of arrival, and the MAVLink component that it is from.
+        speeds: ns of arrival of each setpoint of the application, and the speed in the plane that it asks for, in m/s.
     """
 
     def __init__(self, gate_port: int) -> None:
         self.setpoints: list[tuple[int, int]] = []
+        self.speeds: list[tuple[int, float]] = []
         self._near, self._far = timed_socket(), timed_socket()
         self.port: int = self._near.getsockname()[1]
         self._gate = ("127.0.0.1", gate_port)
@@ -214,6 +217,10 @@ class Wire:
                 for frame in self._framer.frames(data):
                     if frame.message_id == SETPOINT:
                         self.setpoints.append((arrived_ns, frame.component_id))
+                        if frame.component_id == APPLICATION:
+                            asked = decode(frame) or {}
+                            speed_mps = math.hypot(float(asked.get("vx", 0.0)), float(asked.get("vy", 0.0)))
+                            self.speeds.append((arrived_ns, speed_mps))
                 if autopilot is not None:
                     with contextlib.suppress(OSError):
                         self._near.sendto(data, autopilot)

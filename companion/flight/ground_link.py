@@ -22,6 +22,8 @@ from companion.mapping.process.client import MapClient
 from companion.pipeline import Explorer
 
 DRAW_PERIOD_S = 5.0
+DRAW_SHARE = 0.02
+"""Of the time: a large graph is made into bytes in a thread that shares the interpreter with the loop that steers."""
 
 _THEN = {"go_on": "it goes on", "home": "coming home", "land": "landing"}
 _ORDERS = {"home": Command.HOME, "land": Command.LAND}
@@ -121,9 +123,10 @@ class GroundLink:
         now_s = self._clock.now_s()
         if now_s < self._next_drawing_s:
             return
-        self._next_drawing_s = now_s + DRAW_PERIOD_S
-        graph = self._explorer.navigator.graph.snapshot()
-        await self.client.draw(Drawing(graph, self._mapper.status.frontiers_m))
+        drawing = Drawing(self._explorer.navigator.graph.so_far(), self._mapper.status.frontiers_m)
+        await self.client.draw(drawing)
+        took_s = self._clock.now_s() - now_s
+        self._next_drawing_s = now_s + max(DRAW_PERIOD_S, took_s / DRAW_SHARE)
 
     def _trouble(self, text: str) -> None:
         self._events.emit(Event.LINK_TROUBLE, text=text)

@@ -197,11 +197,12 @@ class OperatorCommands:
 
     def _brake(self, phase: FlightPhase) -> Answer:
         """Stand with the next tick; what is not in the air yet stays on the ground."""
-        if phase is FlightPhase.LEAVING:
+        if phase >= FlightPhase.LEAVING:
             return Answer(False, _DOES[phase])
+        starts_by_itself = phase is FlightPhase.CHECKING and not self._by_command
         if phase.steered:
             self._flight.pause(True)
-        elif phase in (FlightPhase.CHECKING, FlightPhase.TAKING_OFF):
+        elif starts_by_itself or phase is FlightPhase.TAKING_OFF:
             self._want(Wish.END)
         # A start that has not been obeyed yet is taken back.
         self.start.clear()

@@ -429,7 +429,9 @@ def test_a_flight_makes_a_graph_and_nothing_steers_by_it(monkeypatch: pytest.Mon
     scene = Scene(box(-40.0, -40.0, 40.0, 40.0), box(5.0, -3.5, 8.0, 0.5))
     navigator = navigator_with(period_s=0.1, law="smooth", tangent_probability=NEVER)
     track = fly(navigator, scene, ORIGIN, 120.0)
-    graph = navigator.graph.snapshot()
+    graph, so_far = navigator.graph.snapshot(), navigator.graph.so_far()
+    assert len(graph.edges) - 1 <= len(so_far.edges) <= len(graph.edges), "all but the piece under way"
+    assert so_far.exits == graph.exits
     kinds = [edge.kind for edge in graph.edges]
     assert kinds[:2] == [EdgeKind.CIRCLE, EdgeKind.TANGENT]
     lap = next(edge for edge in graph.edges if edge.kind is EdgeKind.BOUNDARY and edge.start.vertex == edge.end.vertex)

@@ -44,7 +44,7 @@ def test_every_command_is_done_or_refused_with_a_reason_that_fits_a_display(
         (Command.CONTINUE, {EXPLORING, HOMING}),
         (Command.HOME, {EXPLORING, HOMING}),
         (Command.LAND, {TAKING_OFF, EXPLORING, HOMING}),
-        (Command.STOP, {CHECKING, WAITING, TAKING_OFF, EXPLORING, HOMING, ENDED}),
+        (Command.STOP, {CHECKING, WAITING, TAKING_OFF, EXPLORING, HOMING}),
     ],
 )
 def test_what_is_accepted_when_and_accepted_again(command: Command, phases: set[FlightPhase]) -> None:
@@ -67,16 +67,6 @@ def test_a_stop_brakes_whatever_steers() -> None:
     assert operator.stop.is_set(), "the climb ends"
 
 
-def test_a_stop_on_the_ground_takes_the_start_back() -> None:
-    operator = OperatorCommands(True, in_phase(WAITING))
-    assert operator.ask(Command.START).accepted
-    assert operator.ask(Command.STOP).accepted
-    assert not operator.start.is_set()
-    operator = OperatorCommands(True, in_phase(CHECKING))
-    assert operator.ask(Command.STOP).accepted
-    assert operator.stop.is_set(), "nothing takes off after it"
-
-
 def test_what_the_autopilot_ends_it_is_told_to_stop_itself() -> None:
     operator = OperatorCommands(True, in_phase(LEAVING))
     answer = operator.ask(Command.STOP)
@@ -94,6 +84,18 @@ def test_asked_twice_it_is_done_once(command: Command) -> None:
         state = (operator.wish, operator.start.is_set(), operator.stop.is_set(), flight.paused)
         assert operator.ask(command) == first
         assert (operator.wish, operator.start.is_set(), operator.stop.is_set(), flight.paused) == state
+
+
+def test_a_stop_on_the_ground_takes_the_start_back() -> None:
+    """Protects whoever stops while it is checked once more: before, the take-off followed all the same."""
+    operator = OperatorCommands(True, in_phase(WAITING))
+    assert operator.ask(Command.START).accepted
+    assert operator.ask(Command.STOP).accepted
+    assert not operator.start.is_set()
+    assert not operator.stop.is_set(), "another start may follow"
+    by_itself = OperatorCommands(False, in_phase(CHECKING))
+    assert by_itself.ask(Command.STOP).accepted
+    assert by_itself.stop.is_set()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

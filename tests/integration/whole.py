@@ -8,7 +8,7 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -94,6 +94,7 @@ def flown(
     time_limit_s: float = 120.0,
     mission: dict[str, Any] | None = None,
     parameters: Sequence[str] = (),
+    link: Mapping[str, Any] | None = None,
 ) -> Iterator[Flown]:
     """Autopilot, world, gate and application, started; all of them end with the block.
 
@@ -104,6 +105,7 @@ def flown(
         time_limit_s: of the exploring.
         mission: settings of that section, besides.
         parameters: of the autopilot, as NAME=VALUE.
+        link: settings of that section.
     """
     plan = FlightPlan(
         folder=folder,
@@ -112,7 +114,7 @@ def flown(
         world=str(write_box(folder / "room.ply", SIZE_M, START)),
         seed=3,
         time_limit_s=time_limit_s,
-        settings={"sensors": {"camera": CAMERA}, "mission": mission or {}},
+        settings={"sensors": {"camera": CAMERA}, "mission": mission or {}, "link": dict(link or {})},
         autopilot=("--boot-s", f"{BOOT_S:g}", *(part for one in parameters for part in ("--param", one))),
         world_options=("--config", str(folder / "vehicle.yaml")),
     )

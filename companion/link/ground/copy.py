@@ -26,6 +26,8 @@ from companion.mapping.voxels.piece import MOST_CHUNKS, MapPiece, MapSnapshot
 MOST_EARLIER = 9
 """Copies that turned out not to be of the vehicle's map any more and are kept beside it."""
 
+COMPACT_S = 0.01
+
 _CRC = struct.Struct("<4xI")
 _EVERYTHING = np.zeros(BUCKETS, np.bool_)
 
@@ -151,9 +153,12 @@ class MapCopy:
             OSError: the disk refuses.
         """
         with self._lock:
-            if not self._journal.is_syncing:
-                self._journal.begin_commit()
-                self._journal.compact_step(0.01)
+            if self._journal.is_syncing:
+                return
+            # What the thread has given to the disk is safe: files of which nothing is needed any more can go.
+            self._journal.commit()
+            self._journal.compact_step(COMPACT_S)
+            self._journal.begin_commit()
 
     def changed(self, revision: int) -> MapSnapshot:
         """The states of the chunks that changed after a revision of this copy; 0: of all."""

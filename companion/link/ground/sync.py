@@ -162,7 +162,7 @@ class MapSync:
             if self.copy.take(body) or told.until > self._after:
                 self.copy.keep()
             self._after = told.until
-            self._behind_bytes, self._behind_s = told.behind_bytes, told.behind_s
+            self._behind_bytes, self._behind_s = told.behind_bytes, max(told.behind_s, LEAST_BEHIND_S)
             if told.until == told.head:
                 self._verify(told)
 
@@ -199,7 +199,6 @@ class MapSync:
             self._behind_s, self._mismatches = 0.0, 0
             return
         # Something is here that is not there, or was damaged on the disk: compare again, then begin anew.
-        self._behind_s = max(self._behind_s, LEAST_BEHIND_S)
         self._mismatches += 1
         self._epoch = ""
         now_s = self._clock.now_s()

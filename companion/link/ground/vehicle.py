@@ -31,6 +31,9 @@ POLL_PERIOD_S = 0.5
 EXTRAS_PERIOD_S = 2.0
 """Way, graph and frontiers are asked for this often at most."""
 
+DRAWING_SHARE = 0.1
+"""Of the time: a large graph on a thin link must leave the map its turn."""
+
 REST_S = 0.3
 FIRST_TIMEOUT_S, LEAST_TIMEOUT_S, MOST_TIMEOUT_S = 3.0, 0.5, 20.0
 
@@ -70,12 +73,11 @@ class LinkedVehicle:
         self._way_after = 0
         self._drawing = Drawing()
         self._drawing_number = 0
+        self._next_drawing_s = -math.inf
         self._under_way = threading.Semaphore(MOST_UNDER_WAY)
         self._news = threading.Event()
         self._closing = threading.Event()
-        maps = sorted((path for path in folder.iterdir() if path.is_dir()), key=_age) if folder.is_dir() else []
-        if maps:
-            self._sync.follow(maps[-1].name)
+        self._folder = folder
         self._thread = threading.Thread(target=self._run, name=f"map of {name}", daemon=True)
         self._thread.start()
 
@@ -223,6 +225,9 @@ class LinkedVehicle:
     def _run(self) -> None:
         timeout_s = FIRST_TIMEOUT_S
         next_extras_s = -math.inf
+        # Here, and not where telemetry comes: to open a large copy takes seconds.
+        if (newest := _newest_map(self._folder)) is not None:
+            self._sync.follow(newest)
         while not self._closing.is_set():
             rest_s = REST_S
             try:
@@ -272,8 +277,10 @@ class LinkedVehicle:
             if len(places) and np.isfinite(places).all():
                 self._way_m = np.concatenate([self._way_m, places])
             self._way_after = told.until
-        if report.drawing != self._drawing_number:
-            found = self._told(Ask("drawing", by=self._by), timeout_s)
+        began_s = self._clock.now_s()
+        if report.drawing != self._drawing_number and began_s >= self._next_drawing_s:
+            found = self._told(Ask("drawing", by=self._by), MOST_TIMEOUT_S)
+            self._next_drawing_s = began_s + (self._clock.now_s() - began_s) / DRAWING_SHARE
             if found is not None:
                 self._drawing = read_drawing(found[1])
                 self._drawing_number = report.drawing
@@ -283,5 +290,7 @@ class LinkedVehicle:
         return None if data is None else (*read_answer(data), len(data))
 
 
-def _age(path: Path) -> float:
-    return path.stat().st_mtime
+def _newest_map(folder: Path) -> str | None:
+    """The name of the map in a vehicle's folder that changed last; None where there is none."""
+    maps = [path for path in folder.iterdir() if is_map_name(path.name)] if folder.is_dir() else []
+    return max(maps, key=lambda path: path.stat().st_mtime).name if maps else None

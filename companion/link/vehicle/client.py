@@ -79,6 +79,13 @@ class LinkClient:
         self._trouble = ""
 
     async def __aenter__(self) -> Self:
+        """Begin.
+
+        Raises:
+            InputError: the certificates cannot be used: nobody should take off with a link that can never be.
+        """
+        if self._settings.certificates is not None:
+            await asyncio.to_thread(_check, self._settings.certificates, self._settings.name)
         self._task = asyncio.create_task(self._keep_running())
         return self
 
@@ -192,6 +199,13 @@ class LinkClient:
                 self._trouble = trouble
             case _:
                 raise WireError(f"the process of the link sent what only the application sends: {kind.name}")
+
+
+def _check(folder: str, name: str) -> None:
+    # Loaded where certificates are used.
+    from companion.link.certificates import vehicle_certificates
+
+    vehicle_certificates(folder, name)
 
 
 def _serve(*arguments: Any) -> None:

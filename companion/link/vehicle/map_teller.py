@@ -14,6 +14,9 @@ from companion.link.map_wire import Ask, Told, read_bits
 from companion.link.numbering import Changed, ChunkNumbers
 from companion.mapping.journal import JournalFollower
 
+PLACE_BYTES = 12
+"""Of one place of the way."""
+
 MOST_COARSE = 512
 """Chunks of one coarse answer."""
 
@@ -50,6 +53,11 @@ class MapTeller:
         """In which the numbers count."""
         return f"{self._session}-{self._follower.rewinds}"
 
+    @property
+    def sum(self) -> str:
+        """Over all chunks: that of a copy that is equal."""
+        return self._numbers.sum
+
     def follow(self) -> bool:
         """Take what was appended to the journal; whether there may be more.
 
@@ -75,8 +83,8 @@ class MapTeller:
             case "drawing":
                 return self._told(ask.after), self.drawing
             case "way":
-                way = self.way
-                return self._told(len(way)), way[ask.after :].tobytes()
+                part = self.way[ask.after : ask.after + max(1, ask.most_bytes // PLACE_BYTES)]
+                return self._told(ask.after + len(part)), part.tobytes()
             case "sums":
                 header = self._follower.header
                 told = self._told(self._numbers.head, header=None if header is None else asdict(header))

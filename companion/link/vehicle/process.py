@@ -15,6 +15,7 @@ import select
 import socket
 import threading
 import zlib
+from collections import deque
 from pathlib import Path
 from queue import Empty, Full, Queue
 
@@ -25,14 +26,16 @@ from companion.clock import MonotonicClock
 from companion.config.link import LinkSettings
 from companion.errors import CompanionError
 from companion.gate.runtime.processes import end_with_parent
+from companion.link.certificates import vehicle_certificates
 from companion.link.map_wire import answer, read_ask
 from companion.link.session import close_session, open_session
 from companion.link.vehicle.bandwidth import Bandwidth
-from companion.link.vehicle.guard import CommandGuard, RefusedError, by_its_word
+from companion.link.vehicle.guard import CommandGuard, RefusedError, by_certificate, by_its_word
 from companion.link.vehicle.listeners import Listeners
 from companion.link.vehicle.map_teller import MapTeller
 from companion.link.vehicle.pipe import Kind, receive, send
 from companion.link.wire import (
+    Order,
     Report,
     command_topic,
     decoded,
@@ -58,6 +61,9 @@ MOST_PENDING = 16
 
 ANSWER_TIMEOUT_S = 2.0
 
+MOST_REFUSED, REFUSED_PERIOD_S = 30, 60.0
+"""Refusals that are logged in this time."""
+
 TELEMETRY_SHARE = 0.25
 """Of the bandwidth; it comes less often where more would be needed."""
 
@@ -80,6 +86,7 @@ def serve(end: socket.socket, settings: LinkSettings, journal: Path) -> None:
         process = LinkProcess(end, settings, journal)
     except CompanionError as error:
         send(end, Kind.TROUBLE, str(error).encode())
+        end.close()
         return
     try:
         process.run()
@@ -105,12 +112,15 @@ class LinkProcess:
         self._clock = MonotonicClock()
         self._session_id = secrets.token_hex(8)
         self._teller = MapTeller(self._session_id, journal, self._clock)
-        self._guard = CommandGuard(settings.name, self._session_id, settings.oldest_command_s, by_its_word)
+        given = None if settings.certificates is None else vehicle_certificates(settings.certificates, settings.name)
+        proof = by_its_word if given is None else by_certificate(given, settings.commanders)
+        self._guard = CommandGuard(settings.name, self._session_id, settings.oldest_command_s, proof)
         self._bandwidth = Bandwidth(settings.limit_kbps, self._clock.now_s())
         self._listeners = Listeners()
         self._guarded = threading.Lock()
         """Over guard, pending orders, bandwidth and listeners."""
         self._pending: dict[str, tuple[zenoh.Query, float]] = {}
+        self._refused_s: deque[float] = deque(maxlen=MOST_REFUSED)
         self._asked: Queue[zenoh.Query] = Queue(MOST_WAITING)
         self._closing = threading.Event()
         self._drawing = 0
@@ -119,7 +129,7 @@ class LinkProcess:
         self._end_s: float | None = None
         self._has_read_all = False
         """Whether the journal was read to its end after the flight."""
-        self._zenoh = open_session(settings.listen, settings.connect)
+        self._zenoh = open_session(settings.listen, settings.connect, given)
         name = settings.name
         self._publisher = self._zenoh.declare_publisher(
             telemetry_topic(name),
@@ -157,6 +167,7 @@ class LinkProcess:
         self._worker.join(2.0)
         close_session(self._zenoh)
         self._teller.close()
+        self._end.close()
 
     def _is_over(self, now_s: float) -> bool:
         with self._guarded:
@@ -204,27 +215,37 @@ class LinkProcess:
 
     def _on_command(self, query: zenoh.Query) -> None:
         """In a thread of Zenoh's."""
-        data, now_s = _payload(query), self._clock.now_s()
-        with self._guarded:
-            try:
-                order, known, is_new = self._guard.check(data, now_s)
-                if is_new and len(self._pending) >= MOST_PENDING:
-                    raise RefusedError("the application has not answered the commands before it")
-            except RefusedError as refusal:
-                self._refuse(query, str(refusal))
-                return
-            self._listeners.heard(order.by, now_s)
-            if known is not None:
-                self._answer(query, known)
-                return
-            # One that comes again before it was answered is answered instead of the first.
-            self._pending[order.id] = (query, now_s + ANSWER_TIMEOUT_S)
-        if is_new and not send(self._end, Kind.ORDER, encoded(order)):
+        try:
+            order, known, is_new = self._admitted(query)
+        except RefusedError as refusal:
+            self._refuse(query, str(refusal))
+            return
+        if known is not None:
+            self._answer(query, known)
+        elif is_new and not send(self._end, Kind.ORDER, encoded(order)):
             self._reply(order.id, Answer(accepted=False, reason="the application does not take commands now"))
 
+    def _admitted(self, query: zenoh.Query) -> tuple[Order, Answer | None, bool]:
+        """As `CommandGuard.check`; one without an answer waits for it from now on."""
+        data, now_s = _payload(query), self._clock.now_s()
+        with self._guarded:
+            order, known, is_new = self._guard.check(data, now_s)
+            if is_new and len(self._pending) >= MOST_PENDING:
+                raise RefusedError("the application has not answered the commands before it")
+            self._listeners.heard(order.by, now_s)
+            if known is None:
+                # One that comes again before it was answered is answered in the place of the first, and not later.
+                _, give_up_s = self._pending.get(order.id, (query, now_s + ANSWER_TIMEOUT_S))
+                self._pending[order.id] = (query, give_up_s)
+            return order, known, is_new
+
     def _refuse(self, query: zenoh.Query, reason: str) -> None:
-        _log.warning("a command was refused: %s", reason)
-        send(self._end, Kind.REFUSED, reason.encode())
+        now_s = self._clock.now_s()
+        self._refused_s.append(now_s)
+        # Each is answered; who sends thousands fills neither logs nor recording with them.
+        if len(self._refused_s) < MOST_REFUSED or now_s - self._refused_s[0] > REFUSED_PERIOD_S:
+            _log.warning("a command was refused: %s", reason)
+            send(self._end, Kind.REFUSED, reason.encode())
         self._answer(query, Answer(accepted=False, reason=reason))
 
     def _reply(self, id_: str, reply: Answer) -> None:
@@ -236,7 +257,8 @@ class LinkProcess:
 
     def _answer(self, query: zenoh.Query, reply: Answer) -> None:
         message = encoded(reply)
-        self._bandwidth.take(len(message), self._clock.now_s())
+        with self._guarded:
+            self._bandwidth.take(len(message), self._clock.now_s())
         with query:
             query.reply(command_topic(self._settings.name), message, express=True)
 
@@ -257,7 +279,7 @@ class LinkProcess:
                 _log.debug("a question about the map finds too many before it")
 
     def _tell_map(self) -> None:
-        next_follow_s = -math.inf
+        next_follow_s, problem = -math.inf, ""
         while not self._closing.is_set():
             try:
                 if self._clock.now_s() >= next_follow_s:
@@ -274,7 +296,9 @@ class LinkProcess:
                 continue
             except (CompanionError, OSError, zenoh.ZError) as error:
                 # Whatever it is, the ground asks again, and commands do not come through here.
-                _log.warning("the ground's question about the map got no answer: %s", error)
+                if str(error) != problem:
+                    _log.warning("the ground's question about the map got no answer: %s", error)
+                problem = str(error)
                 next_follow_s = self._clock.now_s() + BEAT_PERIOD_S
 
     def _tell(self, query: zenoh.Query) -> None:
