@@ -19,6 +19,7 @@ from typing import Annotated
 import typer
 
 from companion.cli import flight as flight_commands
+from companion.cli import keys as keys_commands
 from companion.cli import safety as safety_commands
 from companion.cli.ground import ground
 from companion.cli.maps import commands as map_commands
@@ -128,6 +129,7 @@ def _app(commands: dict[str, EntryPoint], called: str | None) -> typer.Typer:
     app.add_typer(config_app, name="config")
     app.add_typer(safety_commands.app, name="safety")
     app.add_typer(map_commands.app, name="map")
+    app.add_typer(keys_commands.app, name="keys")
     for name, entry in sorted(commands.items()):
         if name == called:
             loaded = entry.load()

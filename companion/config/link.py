@@ -11,10 +11,11 @@ from pydantic_core import PydanticCustomError
 
 from companion.config.section import Section, refuse
 
-ENDPOINT_FORMS = "tcp/HOST:PORT, udp/HOST:PORT, tls/HOST:PORT or quic/HOST:PORT, IPv6 hosts in brackets"
+ENDPOINT_FORMS = "tcp/HOST:PORT, tls/HOST:PORT or quic/HOST:PORT, IPv6 hosts in brackets"
+"""Not UDP: Zenoh repeats nothing there, and whoever lost the announcement of a topic is never told of it again."""
 NAME_FORM = "1 to 32 letters, digits, - or _, the first of them a letter or digit"
 
-_ENDPOINT = re.compile(r"(tcp|udp|tls|quic)/(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9_.-]+):([0-9]{1,5})")
+_ENDPOINT = re.compile(r"(tcp|tls|quic)/(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9_.-]+):([0-9]{1,5})")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}")
 
 
@@ -25,10 +26,15 @@ def _name(text: str) -> str:
 
 
 def _endpoint(text: str) -> str:
-    match = _ENDPOINT.fullmatch(text)
-    if match is None or not 0 < int(match[3]) < 65536:
+    if not is_endpoint(text):
         raise PydanticCustomError("endpoint", ENDPOINT_FORMS)
     return text
+
+
+def is_endpoint(text: str) -> bool:
+    """Whether a text names an endpoint."""
+    match = _ENDPOINT.fullmatch(text)
+    return match is not None and 0 < int(match[3]) < 65536
 
 
 def is_name(text: str) -> bool:

@@ -8,7 +8,7 @@ organizational unit is the role. What is revoked stands in a list (CRL) that the
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -29,6 +29,9 @@ AUTHORITY_CERTIFICATE, AUTHORITY_KEY = "authority.pem", "authority.key"
 OWN_CERTIFICATE, OWN_KEY = "own.pem", "own.key"
 REVOKED = "revoked.crl"
 ISSUED = "issued"
+
+REVOKED_NAME = x509.ObjectIdentifier("2.25.140417553213457790325481098123847561")
+"""Of the entry in the list of what is revoked that says whose it was."""
 
 VALID_FOR = timedelta(days=3653)
 VALID_FROM = datetime(1970, 1, 1, tzinfo=UTC)
@@ -72,7 +75,7 @@ class Authority:
         _write_key(folder / AUTHORITY_KEY, key)
         _write(folder / AUTHORITY_CERTIFICATE, certificate.public_bytes(serialization.Encoding.PEM))
         made = cls(folder)
-        made._write_revoked(())
+        made._write_revoked({})
         return made
 
     def issue(self, name: str, role: Role, out: Path) -> None:
@@ -90,7 +93,7 @@ class Authority:
         key, serial = ec.generate_private_key(ec.SECP256R1()), x509.random_serial_number()
         subject = x509.Name(
             [
-                x509.NameAttribute(NameOID.COMMON_NAME, f"{name}.{serial % 2**32:08x}"),
+                x509.NameAttribute(NameOID.COMMON_NAME, common_name(name, serial)),
                 x509.NameAttribute(NameOID.ORGANIZATIONAL_UNIT_NAME, role),
             ]
         )
@@ -117,7 +120,7 @@ class Authority:
         Raises:
             InputError: one cannot be read.
         """
-        revoked = {one.serial_number for one in self._revoked()}
+        revoked = self._revoked()
         found = []
         for path in sorted((self._folder / ISSUED).glob("*.pem")):
             certificate = _certificate(path)
@@ -134,19 +137,21 @@ class Authority:
         serials = [one.serial for one in self.issued() if one.name == name and not one.is_revoked]
         if not serials:
             raise InputError(f"nobody called {name} has a certificate that is valid: see `companion keys list`")
-        self._write_revoked((*(one.serial_number for one in self._revoked()), *serials))
+        self._write_revoked(self._revoked() | dict.fromkeys(serials, name))
 
-    def _revoked(self) -> x509.CertificateRevocationList:
+    def _revoked(self) -> dict[int, str]:
         return _revoked(self._folder / REVOKED, self._certificate)
 
-    def _write_revoked(self, serials: Sequence[int]) -> None:
+    def _write_revoked(self, revoked: Mapping[int, str]) -> None:
         now = datetime.now(UTC)
         builder = x509.CertificateRevocationListBuilder(
             self._certificate.subject, last_update=now, next_update=now + VALID_FOR
         )
-        for serial in serials:
-            one = x509.RevokedCertificateBuilder(serial_number=serial, revocation_date=now).build()
-            builder = builder.add_revoked_certificate(one)
+        for serial, name in revoked.items():
+            # Which name it was stands in the list itself: who reads it has no list of all certificates.
+            named = x509.UnrecognizedExtension(REVOKED_NAME, name.encode())
+            one = x509.RevokedCertificateBuilder(serial_number=serial, revocation_date=now)
+            builder = builder.add_revoked_certificate(one.add_extension(named, critical=False).build())
         data = builder.sign(self._key, hashes.SHA256()).public_bytes(serialization.Encoding.PEM)
         _write(self._folder / REVOKED, data)
 
@@ -194,8 +199,8 @@ class Certificates:
         """One's own, PEM."""
         return self._own.public_bytes(serialization.Encoding.PEM).decode()
 
-    def revoked(self) -> set[int]:
-        """Serial numbers of what is revoked; the list is read again when it is another one.
+    def revoked(self) -> dict[int, str]:
+        """Serial numbers of what is revoked, and whose it was; the list is read again when it is another one.
 
         Raises:
             InputError: it is missing, or not the authority's.
@@ -207,13 +212,28 @@ class Certificates:
             raise InputError(f"{path}: {error.strerror}; copy it from the folder of the authority") from None
         at = (state.st_mtime_ns, state.st_size)
         if at != self._revoked_at:
-            self._revoked = {one.serial_number: "" for one in _revoked(path, self.authority)}
+            self._revoked = _revoked(path, self.authority)
             self._revoked_at = at
-        return set(self._revoked)
+        return self._revoked
 
     def sign(self, text: str) -> str:
         """A signature of a text, hexadecimal."""
         return self._own_key.sign(text.encode(), _SIGNING).hex()
+
+
+def vehicle_certificates(folder: str, name: str) -> Certificates:
+    """Those in ``link.certificates``, which must be of this vehicle.
+
+    Raises:
+        InputError: they are not, or cannot be used.
+    """
+    found = Certificates(Path(folder).expanduser())
+    if (found.name, found.role) != (name, "vehicle"):
+        raise InputError(
+            f"link.certificates = {folder}: they are of {found.name} ({found.role}), and link.name = {name} is to be a "
+            "vehicle: give its own, or make them with `companion keys vehicle`"
+        )
+    return found
 
 
 def signed_by(pem: str, text: str, signature: str, trusted: Certificates) -> tuple[str, str]:
@@ -259,9 +279,9 @@ def holder(certificate: x509.Certificate) -> tuple[str, str]:
     return name, role
 
 
-def common_names(folder: Path, serials: set[int]) -> list[str]:
-    """Of the certificates with these numbers in the folder of an authority."""
-    return [path.name for path in sorted(folder.glob("*.pem")) if _certificate(path).serial_number in serials]
+def common_name(name: str, serial: int) -> str:
+    """The common name in a certificate: of two with the same name one may be revoked."""
+    return f"{name}.{serial % 2**32:08x}"
 
 
 def _is_issued(certificate: x509.Certificate, authority: x509.Certificate) -> bool:
@@ -300,7 +320,7 @@ def _usage(*, signs: bool) -> x509.KeyUsage:
     )
 
 
-def _revoked(path: Path, authority: x509.Certificate) -> x509.CertificateRevocationList:
+def _revoked(path: Path, authority: x509.Certificate) -> dict[int, str]:
     try:
         found = x509.load_pem_x509_crl(_read(path))
     except ValueError:
@@ -310,7 +330,15 @@ def _revoked(path: Path, authority: x509.Certificate) -> x509.CertificateRevocat
     key = authority.public_key()
     if not isinstance(key, ec.EllipticCurvePublicKey) or not found.is_signature_valid(key):
         raise InputError(f"{path}: the authority has not signed it; copy it from the folder of the authority")
-    return found
+    return {one.serial_number: _revoked_name(one) for one in found}
+
+
+def _revoked_name(one: x509.RevokedCertificate) -> str:
+    try:
+        named = one.extensions.get_extension_for_oid(REVOKED_NAME).value
+    except x509.ExtensionNotFound:
+        return ""
+    return named.value.decode("ascii", "replace") if isinstance(named, x509.UnrecognizedExtension) else ""
 
 
 def _certificate(path: Path) -> x509.Certificate:

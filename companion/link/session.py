@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import zenoh
 
 from companion.errors import CompanionError
+from companion.link.certificates import AUTHORITY_CERTIFICATE, OWN_CERTIFICATE, OWN_KEY, Certificates, common_name
 
 SEND_BUFFER_BYTES = 65_536
 """Of the system, for each connection: what waits there can be overtaken by nothing, not even the answer to a stop."""
@@ -23,18 +24,24 @@ class LinkError(CompanionError):
     """The link cannot be opened."""
 
 
-def open_session(listen: Sequence[str], connect: Sequence[str]) -> zenoh.Session:
+def open_session(
+    listen: Sequence[str], connect: Sequence[str], certificates: Certificates | None = None
+) -> zenoh.Session:
     """Open a session. Whoever is to be connected to is tried again for ever.
 
     Args:
         listen: endpoints that are waited at.
         connect: endpoints of others.
+        certificates: with which both sides of tls/ and quic/ prove who they are; who is revoked is spoken to by nobody.
 
     Raises:
         LinkError: an endpoint cannot be listened at.
     """
     config = zenoh.Config()
-    for key, value in _settings(listen, connect).items():
+    settings = _settings(listen, connect)
+    if certificates is not None:
+        settings |= _proven(certificates)
+    for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
     try:
         return zenoh.open(config)
@@ -43,6 +50,40 @@ def open_session(listen: Sequence[str], connect: Sequence[str]) -> zenoh.Session
             f"the link cannot listen at {', '.join(listen)}: {str(error).splitlines()[0]}; is another program there, "
             "or another vehicle of this computer? give another port"
         ) from None
+
+
+def _proven(certificates: Certificates) -> dict[str, object]:
+    folder = certificates.folder.absolute()
+    authority, own, key = (str(folder / name) for name in (AUTHORITY_CERTIFICATE, OWN_CERTIFICATE, OWN_KEY))
+    revoked = certificates.revoked()
+    names = [common_name(name, serial) for serial, name in revoked.items()]
+    everything = ["put", "delete", "declare_subscriber", "query", "reply", "declare_queryable"]
+    denied = {
+        "access_control/enabled": True,
+        "access_control/default_permission": "allow",
+        "access_control/rules": [
+            {
+                "id": "nothing",
+                "messages": everything,
+                "flows": ["ingress", "egress"],
+                "permission": "deny",
+                "key_exprs": ["**"],
+            }
+        ],
+        "access_control/subjects": [{"id": "revoked", "cert_common_names": names}],
+        "access_control/policies": [{"rules": ["nothing"], "subjects": ["revoked"]}],
+    }
+    return {
+        "transport/link/tls/root_ca_certificate": authority,
+        "transport/link/tls/enable_mtls": True,
+        "transport/link/tls/listen_certificate": own,
+        "transport/link/tls/listen_private_key": key,
+        "transport/link/tls/connect_certificate": own,
+        "transport/link/tls/connect_private_key": key,
+        # The authority signs for this fleet alone; addresses of radios change, names do not stand in them.
+        "transport/link/tls/verify_name_on_connect": False,
+        **(denied if names else {}),
+    }
 
 
 def close_session(session: zenoh.Session) -> None:

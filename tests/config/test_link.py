@@ -16,7 +16,7 @@ from companion.config.settings import Settings
     [
         ("tcp/127.0.0.1:7447", True),
         ("tcp/127.8.8.8:1", True),
-        ("udp/[::1]:7447", True),
+        ("tcp/[::1]:7447", True),
         ("tcp/localhost:7447", True),
         ("tcp/0.0.0.0:7447", False),
         ("tcp/[::]:7447", False),
@@ -43,6 +43,7 @@ def test_what_others_can_reach_needs_certificates(endpoint: str, loopback: bool)
         {"listen": ["tcp/127.0.0.1"]},
         {"listen": ["tcp/127.0.0.1:0"]},
         {"listen": ["tcp/127.0.0.1:70000"]},
+        {"listen": ["udp/127.0.0.1:7447"]},
         {"listen": ["serial//dev/ttyUSB0"]},
         {"connect": ["tcp/127.0.0.1:7447#iface=eth0"]},
         {"name": "../../etc"},

@@ -11,8 +11,9 @@ from typing import Self
 
 import zenoh
 
-from companion.config.link import is_encrypted, is_loopback, is_name
+from companion.config.link import ENDPOINT_FORMS, is_encrypted, is_endpoint, is_loopback, is_name
 from companion.errors import InputError
+from companion.link.certificates import Certificates
 from companion.link.ground.signing import Signer
 from companion.link.ground.vehicle import LinkedVehicle
 from companion.link.session import close_session, open_session
@@ -31,25 +32,32 @@ class LinkStation:
             is gone on from.
         listen: endpoints at which vehicles are waited for.
         connect: endpoints of vehicles; tried again for ever.
-        name: of the operator.
+        name: of the operator, where no certificate says it.
+        certificates: folder with the operator's, as `companion keys operator` makes it; None: on loopback only.
 
     Raises:
-        InputError: an endpoint can be reached by anybody, and nothing would prove who is there.
+        InputError: an endpoint can be reached by anybody, and nothing would prove who is there; or the certificates
+            cannot be used.
         LinkError: an endpoint cannot be listened at.
     """
 
     def __init__(
-        self, folder: Path, listen: Sequence[str] = (), connect: Sequence[str] = (), name: str = "operator"
+        self,
+        folder: Path,
+        listen: Sequence[str] = (),
+        connect: Sequence[str] = (),
+        name: str = "operator",
+        certificates: Path | None = None,
     ) -> None:
         for endpoint in (*listen, *connect):
-            if not is_encrypted(endpoint) and not is_loopback(endpoint):
-                raise InputError(f"{endpoint}: only loopback (127.0.0.1) goes without certificates; use tls/ or quic/")
+            _check(endpoint, certificates)
+        given = None if certificates is None else Certificates(certificates)
         self._folder = folder
-        self._signer = Signer(name)
+        self._signer = Signer(name, given)
         self._by = secrets.token_hex(8)
         self._lock = threading.Lock()
         self._vehicles: dict[str, LinkedVehicle] = {}
-        self._session = open_session(listen, connect)
+        self._session = open_session(listen, connect, given)
         for path in sorted(folder.iterdir()) if folder.is_dir() else ():
             if path.is_dir() and is_name(path.name):
                 self._vehicle(path.name)
@@ -95,3 +103,12 @@ class LinkStation:
         vehicle = self._vehicle(name)
         if vehicle is not None:
             vehicle.heard(report)
+
+
+def _check(endpoint: str, certificates: Path | None) -> None:
+    if not is_endpoint(endpoint):
+        raise InputError(f"{endpoint}: is no endpoint: {ENDPOINT_FORMS}")
+    if is_encrypted(endpoint) and certificates is None:
+        raise InputError(f"{endpoint}: needs certificates: make them with `companion keys operator`")
+    if not is_encrypted(endpoint) and not is_loopback(endpoint):
+        raise InputError(f"{endpoint}: without tls/ or quic/ only loopback (127.0.0.1) is possible")

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
+from companion.config.link import is_name
+from companion.errors import InputError
+from companion.link.certificates import Certificates, signed_by
 from companion.link.wire import Order, SignedOrder, WireError, decoded
 from companion.link.words import Answer
 
@@ -25,6 +28,28 @@ class RefusedError(Exception):
 
 Proof = Callable[[SignedOrder], str]
 """The name of who gave an order, or `RefusedError`."""
+
+
+def by_certificate(certificates: Certificates, commanders: Collection[str]) -> Proof:
+    """Who gave an order, by the certificate that it was signed with; only those whose role is to command.
+
+    Args:
+        certificates: of this vehicle.
+        commanders: only these of them; empty: all.
+    """
+
+    def proof(signed: SignedOrder) -> str:
+        try:
+            name, role = signed_by(signed.certificate, signed.order, signed.signature, certificates)
+        except InputError as error:
+            raise RefusedError(str(error)) from None
+        if role != "command":
+            raise RefusedError(f"{name} may {role}, not command")
+        if commanders and name not in commanders:
+            raise RefusedError(f"{name} is not among link.commanders")
+        return name
+
+    return proof
 
 
 def by_its_word(signed: SignedOrder) -> str:
@@ -71,6 +96,8 @@ class CommandGuard:
             raise RefusedError(str(error)) from None
         if _ID.fullmatch(order.id) is None:
             raise RefusedError("its number is none")
+        if not is_name(order.by):
+            raise RefusedError("who gave it has no name")
         if order.vehicle != self._vehicle:
             raise RefusedError(f"it is for the vehicle {order.vehicle[:32]!r}, and this is {self._vehicle}")
         who = self._proof(signed)

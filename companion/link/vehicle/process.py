@@ -25,10 +25,11 @@ from companion.clock import MonotonicClock
 from companion.config.link import LinkSettings
 from companion.errors import CompanionError
 from companion.gate.runtime.processes import end_with_parent
+from companion.link.certificates import vehicle_certificates
 from companion.link.map_wire import answer, read_ask
 from companion.link.session import close_session, open_session
 from companion.link.vehicle.bandwidth import Bandwidth
-from companion.link.vehicle.guard import CommandGuard, RefusedError, by_its_word
+from companion.link.vehicle.guard import CommandGuard, RefusedError, by_certificate, by_its_word
 from companion.link.vehicle.listeners import Listeners
 from companion.link.vehicle.map_teller import MapTeller
 from companion.link.vehicle.pipe import Kind, receive, send
@@ -80,6 +81,7 @@ def serve(end: socket.socket, settings: LinkSettings, journal: Path) -> None:
         process = LinkProcess(end, settings, journal)
     except CompanionError as error:
         send(end, Kind.TROUBLE, str(error).encode())
+        end.close()
         return
     try:
         process.run()
@@ -105,7 +107,9 @@ class LinkProcess:
         self._clock = MonotonicClock()
         self._session_id = secrets.token_hex(8)
         self._teller = MapTeller(self._session_id, journal, self._clock)
-        self._guard = CommandGuard(settings.name, self._session_id, settings.oldest_command_s, by_its_word)
+        given = None if settings.certificates is None else vehicle_certificates(settings.certificates, settings.name)
+        proof = by_its_word if given is None else by_certificate(given, settings.commanders)
+        self._guard = CommandGuard(settings.name, self._session_id, settings.oldest_command_s, proof)
         self._bandwidth = Bandwidth(settings.limit_kbps, self._clock.now_s())
         self._listeners = Listeners()
         self._guarded = threading.Lock()
@@ -119,7 +123,7 @@ class LinkProcess:
         self._end_s: float | None = None
         self._has_read_all = False
         """Whether the journal was read to its end after the flight."""
-        self._zenoh = open_session(settings.listen, settings.connect)
+        self._zenoh = open_session(settings.listen, settings.connect, given)
         name = settings.name
         self._publisher = self._zenoh.declare_publisher(
             telemetry_topic(name),
@@ -157,6 +161,7 @@ class LinkProcess:
         self._worker.join(2.0)
         close_session(self._zenoh)
         self._teller.close()
+        self._end.close()
 
     def _is_over(self, now_s: float) -> bool:
         with self._guarded:
@@ -217,8 +222,9 @@ class LinkProcess:
             if known is not None:
                 self._answer(query, known)
                 return
-            # One that comes again before it was answered is answered instead of the first.
-            self._pending[order.id] = (query, now_s + ANSWER_TIMEOUT_S)
+            # One that comes again before it was answered is answered in the place of the first, and not later.
+            _, give_up_s = self._pending.get(order.id, (query, now_s + ANSWER_TIMEOUT_S))
+            self._pending[order.id] = (query, give_up_s)
         if is_new and not send(self._end, Kind.ORDER, encoded(order)):
             self._reply(order.id, Answer(accepted=False, reason="the application does not take commands now"))
 

@@ -1,0 +1,79 @@
+"""The commands `companion keys`: who is a vehicle, who may watch, who may command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+app = typer.Typer(
+    no_args_is_help=True, rich_markup_mode=None, help="Certificates of the link: who may watch, who may command."
+)
+
+Folder = Annotated[Path, typer.Option("--authority", metavar="FOLDER", help="Of the authority that signs.")]
+Out = Annotated[Path, typer.Option("--out", metavar="FOLDER", help="New folder for what its owner needs.")]
+Name = Annotated[str, typer.Argument(metavar="NAME", help="Of its owner: letters, digits, - and _.")]
+
+
+@app.command()
+def authority(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="New folder; keep it to yourself.")],
+) -> None:
+    """Make an authority: the one that all vehicles and operators of a fleet trust.
+
+    Whoever has its folder can make a certificate that commands every vehicle: keep it off vehicles and tablets.
+    """
+    from companion.link.certificates import Authority
+
+    Authority.make(folder)
+    typer.echo(
+        f"{folder}: an authority; keep it to yourself. Next: companion keys vehicle NAME --authority {folder} ..."
+    )
+
+
+@app.command()
+def vehicle(name: Name, authority: Folder, out: Out) -> None:
+    """Make a vehicle's certificate. Its name must be link.name in the settings of the vehicle."""
+    from companion.link.certificates import Authority
+
+    Authority(authority).issue(name, "vehicle", out)
+    typer.echo(f"{out}: copy it to the vehicle, and set link.certificates to it and link.name to {name}")
+
+
+@app.command()
+def operator(
+    name: Name,
+    authority: Folder,
+    out: Out,
+    role: Annotated[Literal["watch", "command"], typer.Option(help="Only watch, or command too.")] = "watch",
+) -> None:
+    """Make an operator's certificate, for `companion ground`."""
+    from companion.link.certificates import Authority
+
+    Authority(authority).issue(name, role, out)
+    may = "watch and command" if role == "command" else "watch"
+    typer.echo(f"{out}: {name} may {may}; copy it to the operator's computer and nowhere else")
+
+
+@app.command()
+def revoke(name: Name, authority: Folder) -> None:
+    """Trust somebody no longer. It counts on a vehicle once the list, revoked.crl, is in its folder."""
+    from companion.link.certificates import REVOKED, Authority
+
+    Authority(authority).revoke(name)
+    typer.echo(
+        f"{name} is revoked: copy {authority / REVOKED} into the folder of certificates of each vehicle and operator. "
+        "A vehicle that flies refuses commands by it at once; who watches is cut off when its link begins anew"
+    )
+
+
+@app.command("list")
+def list_(authority: Folder) -> None:
+    """Print who has a certificate, what for, and which are revoked."""
+    from companion.link.certificates import Authority
+    from companion.text_table import columns
+
+    found = Authority(authority).issued()
+    rows = [(one.name, one.role, "revoked" if one.is_revoked else "valid", f"{one.serial:x}") for one in found]
+    typer.echo("\n".join(columns([("name", "role", "state", "serial"), *rows])) if rows else "no certificates yet")
