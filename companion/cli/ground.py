@@ -30,6 +30,12 @@ def ground(
         Endpoints | None,
         typer.Option("--listen", metavar="ENDPOINT", help="Where to wait for vehicles; may be repeated."),
     ] = None,
+    certificates: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="The operator's, as companion keys operator makes them; without: on loopback only."
+        ),
+    ] = None,
     folder: Annotated[Path, typer.Option(metavar="DIR", help="Keeps the maps; what is there is gone on from.")] = Path(
         "ground"
     ),
