@@ -43,12 +43,16 @@ _STAGES = {
 }
 _NOTICED = "Noticed: {}. Wait a moment; if it stays, send it home."
 
+_PASSES = "gate: pass"
 _STAGE = re.compile(r"gate: (brake|hold|land): (\w+)\b.*")
 _FAULT = re.compile(r"gate: (\w+)( [-0-9.].*)?")
 
 
 def in_plain_words(warnings: Sequence[str]) -> list[str]:
-    """Warnings as people say them, the gravest first. What is not known to be the gate's stays as it is."""
+    """Warnings, the newest first, as people say them, the gravest first. What is not the gate's stays as it is."""
+    passes = next((at for at, warning in enumerate(warnings) if warning.startswith(_PASSES)), len(warnings))
+    # What the gate said before it let pass again is over.
+    warnings = [warning for at, warning in enumerate(warnings) if at < passes or not warning.startswith("gate: ")]
     stage, stage_causes, noticed, others = "", [], [], []
     for warning in warnings:
         acts, sees = _STAGE.fullmatch(warning), _FAULT.fullmatch(warning)

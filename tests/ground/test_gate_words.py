@@ -49,3 +49,13 @@ def test_there_is_no_column_of_alarms() -> None:
     found = in_plain_words([f"warning {number}" for number in range(MOST + 3)])
     assert len(found) == MOST + 1
     assert found[-1] == "And 3 more."
+
+
+def test_what_the_gate_said_before_it_let_pass_again_is_over() -> None:
+    """Protects from alarms of a minute ago; what came after it counts, and what is not the gate's is left."""
+    said = ["gate: depth_stale 0.6 s", "gate: pass: all is well", "gate: brake: beat_late", "autopilot: battery"]
+    assert in_plain_words(said) == [
+        "Noticed: its camera is silent. Wait a moment; if it stays, send it home.",
+        "autopilot: battery",
+    ]
+    assert in_plain_words(said[1:3]) == []
