@@ -138,5 +138,5 @@ def test_a_count_around_the_limit_does_not_change_the_cubes_each_time() -> None:
     counts = np.array([1000, 300, 80, 20, 5])
     assert finest(counts, 5, 999) == (1, 1)
     assert finest(counts - 10, 5, 999, before=1) == (1, 1)
-    assert finest(counts * 0.69, 5, 999, before=1) == (0, 1)
+    assert finest(counts * 69 // 100, 5, 999, before=1) == (0, 1)
     assert finest(counts * 4, 5, 999, before=1) == (2, 1)
