@@ -30,11 +30,17 @@ def ground(
         Endpoints | None,
         typer.Option("--listen", metavar="ENDPOINT", help="Where to wait for vehicles; may be repeated."),
     ] = None,
+    certificates: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="The operator's, as companion keys operator makes them; without: on loopback only."
+        ),
+    ] = None,
     folder: Annotated[Path, typer.Option(metavar="DIR", help="Keeps the maps; what is there is gone on from.")] = Path(
         "ground"
     ),
     name: Annotated[
-        str, typer.Option(metavar="NAME", help="Of the operator; the vehicles' logs have it.")
+        str, typer.Option(metavar="NAME", help="Of the operator, where no certificate says it.")
     ] = "operator",
     port: Annotated[int, typer.Option(min=1, max=65535, metavar="N", help="Port of the page.")] = 8080,
     host: Annotated[
@@ -67,7 +73,7 @@ def ground(
     connect = [VEHICLE] if not connect and not listen else connect or []
     code = None if is_this_computer(host) else new_code()
     with (
-        LinkStation(folder, listen or [], connect, name) as station,
+        LinkStation(folder, listen or [], connect, name, certificates) as station,
         serve(station, "Ground", host, port, points, code) as page,
     ):
         address = f"http://{reached_at(host)}:{page.port}"

@@ -6,6 +6,7 @@ import enum
 import math
 from dataclasses import dataclass
 
+from companion.ground.gate_words import in_plain_words
 from companion.ground.station import VehicleView
 from companion.link.words import Telemetry
 
@@ -43,7 +44,7 @@ def concerns(vehicle: VehicleView) -> list[Concern]:
     telemetry, age_s = vehicle.telemetry, vehicle.age_s
     if telemetry is None:
         return [Concern(Weight.LOOK, "Nothing heard of it yet. Is it switched on, and is its link up?")]
-    found = [Concern(Weight.ACT, text) for text in telemetry.warnings]
+    found = [Concern(Weight.ACT, text) for text in in_plain_words(telemetry.warnings)]
     over = telemetry.phase == ENDED
     if age_s > LOST_S and not over:
         found.append(

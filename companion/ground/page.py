@@ -23,7 +23,7 @@ from companion.ground.measuring import Measuring
 from companion.ground.shown_vehicle import ShownVehicle
 from companion.ground.station import Station, VehicleView
 from companion.ground.view_controls import Box, ViewControls, look
-from companion.viewer.drawing import HeightRange, levels_of
+from companion.viewer.drawing import FINEST, HeightRange, levels_of
 from companion.viewer.page import OBLIQUE, WAY_COLOURS, aim
 from companion.viewer.serving import serving
 from companion.viewer.voxels import State
@@ -38,6 +38,8 @@ _DRAWING_S = 0.1
 """Of a turn, so much may go into drawing: a map that is behind must not keep the figures from being live."""
 
 _PANEL_PX = 350
+
+_SETTLING_S = 0.7
 
 _START_M: Box = (np.array([-15.0, -15.0, 0.0]), np.array([15.0, 15.0, 3.0]))
 _NEAR_M = np.array([8.0, 8.0, 2.0])
@@ -68,6 +70,7 @@ class GroundPage:
         self._most_points = most_points
         self._now_s = now_s
         self._heights = HeightRange()
+        self._levels = FINEST
         self._shown: dict[str, ShownVehicle] = {}
         self._chosen = ""
         self._next_map_s = -math.inf
@@ -75,7 +78,7 @@ class GroundPage:
         self._drawing = threading.Lock()
         self.commanding = Commanding(server, access, station.vehicles, self.chosen)
         self._lay_out()
-        server.on_client_connect(lambda client: look(client, *self._whole(), OBLIQUE))
+        server.on_client_connect(self._welcome)
         server.on_client_disconnect(access.forget)
 
     @property
@@ -137,6 +140,12 @@ class GroundPage:
             self._draw_maps()
         self._turns += 1
 
+    def _welcome(self, client: viser.ClientHandle) -> None:
+        """Show the whole map to one who has opened the page; in a thread of viser's."""
+        # The panel takes its place after the first picture, and the picture has less room from then on.
+        time.sleep(_SETTLING_S)
+        look(client, *self._whole(), OBLIQUE)
+
     def _lay_out(self) -> None:
         gui = self.server.gui
         gui.main_panel.dock_right()
@@ -191,13 +200,13 @@ class GroundPage:
         drawings = [shown.drawing for shown in self._shown.values() if shown.drawing is not None]
         self.view.bound(self._heights.low_m, self._heights.high_m)
         style = self.view.style(self._most_points)
-        levels = levels_of([drawing.map for drawing in drawings], self._most_points)
+        self._levels = levels_of([drawing.map for drawing in drawings], self._most_points, self._levels)
         end_s = time.perf_counter() + _DRAWING_S
         for shown in self._shown.values():
             shown.show(self.view, self.view.is_shown(shown.name))
         outgrown = False
         for drawing in drawings:
-            drawing.restyle(style, levels)
+            drawing.restyle(style, self._levels)
             outgrown |= drawing.draw(max(end_s - time.perf_counter(), 0.0))
         if outgrown:
             for drawing in drawings:

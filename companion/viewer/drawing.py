@@ -17,6 +17,11 @@ from companion.viewer.voxels import PackedVoxels, State
 
 Rgb = tuple[int, int, int]
 
+Levels = dict[State, tuple[int, int]]
+"""By state, the level of the cubes, and every how many chunks are shown."""
+
+FINEST: Levels = dict.fromkeys(State, (0, 1))
+
 STATE_COLOURS: dict[State, Rgb] = {
     State.OCCUPIED: (96, 104, 112),
     State.FREE: (110, 170, 214),
@@ -113,15 +118,14 @@ class MapDrawing:
         """Take chunks in place of what it had of them; `draw` shows it."""
         self._waiting.update(dict.fromkeys(self.map.put(voxels)))
 
-    def restyle(self, style: Style, levels: dict[State, tuple[int, int]] | None = None) -> None:
+    def restyle(self, style: Style, levels: Levels | None = None) -> None:
         """Show the map otherwise from the next `draw` on.
 
         Args:
             style: how.
-            levels: by state the level of the cubes and every how many chunks are shown, where maps share a limit;
-                None: as this map alone needs it.
+            levels: of the cubes, where maps share a limit; None: as this map alone needs it.
         """
-        levels = levels_of([self.map], style.most_points) if levels is None else levels
+        levels = levels_of([self.map], style.most_points, self._levels) if levels is None else levels
         if style != self._style or levels != self._levels:
             self._style, self._levels = style, levels
             self._waiting.update(dict.fromkeys(self.map.tiles))
@@ -141,8 +145,10 @@ class MapDrawing:
         while self._waiting and now_s() < end_s:
             tile = next(iter(self._waiting))
             del self._waiting[tile]
-            for state in State:
-                outgrown |= self._draw_tile(tile, state)
+            # What makes up a tile arrives together: no browser shows new points at an old place.
+            with self._server.atomic():
+                for state in State:
+                    outgrown |= self._draw_tile(tile, state)
         return outgrown
 
     def remove(self) -> None:
@@ -212,8 +218,14 @@ class MapDrawing:
         return np.asarray((colours * light[:, None]).astype(np.uint8))
 
 
-def levels_of(maps: Sequence[TiledMap], most_points: int) -> dict[State, tuple[int, int]]:
-    """By state how coarse the cubes of these maps have to be for there not to be more than so many in all of them."""
+def levels_of(maps: Sequence[TiledMap], most_points: int, before: Levels) -> Levels:
+    """How coarse the cubes of these maps have to be for there not to be more than so many of a state in all of them.
+
+    Args:
+        maps: drawn together.
+        most_points: of each state.
+        before: as they are drawn now.
+    """
     counts = sum((one.counts() for one in maps), np.zeros((len(State), COARSEST + 1), np.int64))
     chunks = sum(one.chunks for one in maps)
-    return {state: finest(counts[state], chunks, most_points) for state in State}
+    return {state: finest(counts[state], chunks, most_points, before[state][0]) for state in State}

@@ -32,6 +32,8 @@ _REACH_M = 0.35
 
 _MOST_REACH = 8
 
+_CLEARLY_FEWER = 0.7
+
 Tile = tuple[int, int, int]
 """x, y and z of a tile: it has the chunks from (8 x, 8 y, 8 z) on."""
 
@@ -224,16 +226,18 @@ def packed_snapshot(snapshot: MapSnapshot) -> PackedVoxels:
     return PackedVoxels(snapshot.voxel_m, snapshot.chunks, bits)
 
 
-def finest(counts: NDArray[np.int64], chunks: int, most: int) -> tuple[int, int]:
+def finest(counts: NDArray[np.int64], chunks: int, most: int, before: int = 0) -> tuple[int, int]:
     """The finest level at which there are at most ``most`` cubes, and every how many chunks of it are shown.
 
     Args:
         counts: (5,) cubes by level.
         chunks: how many there are, shown or not.
         most: how many cubes there may be.
+        before: the level of now; a finer one is only for clearly fewer, so that a count that goes up and down around
+            ``most`` does not have everything drawn again each time.
     """
     for level, count in enumerate(counts.tolist()):
-        if count <= most:
+        if count <= (most if level >= before else _CLEARLY_FEWER * most):
             return level, 1
     return COARSEST, math.ceil(chunks / most)
 

@@ -64,7 +64,8 @@ def ground(
         shown = Running(page, target)
         stack.callback(shown.end)
         shown.wait(PAGE_TIMEOUT_S)
-        typer.echo(shown.said().strip())
+        # Not its Ctrl-C: here that ends the flight first.
+        typer.echo("\n".join(line.partition(";")[0] for line in shown.said().splitlines()))
         with Crew(plan) as crew:
             code = run_to_its_end(crew.application("--fix"))
             crew.check()

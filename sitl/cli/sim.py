@@ -16,6 +16,7 @@ from companion.control.left_out import in_words, so_many, to_explore
 from companion.errors import EXIT_INTERRUPTED, CompanionError, InputError
 from companion.interruption import finishing, stopping
 from sitl.cli.mesh_options import DEFAULT_CLOUD_VOXEL_M, CloudVoxel, Scale, UpAxis
+from sitl.cli.watching import watched
 from sitl.mines import World, load_world
 from sitl.mines.placing import Reading
 from sitl.report.earlier_run import EarlierRun
@@ -62,6 +63,10 @@ def simulate(
             help="Go on with map and known ground of an earlier mission in this mine, from where it began.",
         ),
     ] = None,
+    page: Annotated[
+        int | None,
+        typer.Option(min=1, max=65535, metavar="PORT", help="Watch it on the operator's page, at this port."),
+    ] = None,
     scale: Scale = None,
     up: UpAxis = None,
     cloud_voxel: CloudVoxel = DEFAULT_CLOUD_VOXEL_M,
@@ -100,8 +105,12 @@ def simulate(
                 )
             _say(console, *(f"  {remark}" for remark in simulation.remarks[len(mine.remarks) :]))
             # From here on there is something to lose, and no moment at which a signal would tear it.
-            with stopping("ending the flight") as stop, Kept(folder.path, simulation) as kept:
-                failure = _fly(kept, limit_s, console, stop)
+            with (
+                stopping("ending the flight") as stop,
+                Kept(folder.path, simulation) as kept,
+                watched(simulation, folder.target.name, page) as look,
+            ):
+                failure = _fly(kept, limit_s, console, stop, look)
                 with console.status("writing map and report"), finishing("writing map and report"):
                     summary = write_run(kept, loaded.preset, config)
     except BaseException:
@@ -136,7 +145,9 @@ def _prepared(
         raise InputError(f"--resume {earlier.folder}: its known ground cannot be gone on from: {error}") from None
 
 
-def _fly(kept: Kept, limit_s: float, console: Console, stop: Callable[[], bool]) -> Exception | None:
+def _fly(
+    kept: Kept, limit_s: float, console: Console, stop: Callable[[], bool], look: Callable[[], None]
+) -> Exception | None:
     """Fly; a mistake of ours ends the flight, and what was flown until then is written all the same."""
     simulation = kept.simulation
     try:
@@ -146,8 +157,12 @@ def _fly(kept: Kept, limit_s: float, console: Console, stop: Callable[[], bool])
                 display(progress)
                 kept.look()
 
-            simulation.run(limit_s, show, stop)
-            simulation.come_home(show, stop)
+            def stops() -> bool:
+                look()
+                return stop()
+
+            simulation.run(limit_s, show, stops)
+            simulation.come_home(show, stops)
     except Exception as error:  # noqa: BLE001 - it is raised again when the results are safe
         simulation.ended_because = f"failed: {error!r}"
         return error

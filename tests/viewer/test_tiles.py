@@ -131,3 +131,12 @@ def test_of_an_empty_map_nothing_is_drawn() -> None:
     tiles = tiled(nothing())
     assert tiles.counts().sum() == 0
     assert all(not centres_m(tiles, state, Shown(roof=True)) for state in State)
+
+
+def test_a_count_around_the_limit_does_not_change_the_cubes_each_time() -> None:
+    """Protects browsers: carving takes voxels away again, and a map at the limit would be sent whole each second."""
+    counts = np.array([1000, 300, 80, 20, 5])
+    assert finest(counts, 5, 999) == (1, 1)
+    assert finest(counts - 10, 5, 999, before=1) == (1, 1)
+    assert finest(counts * 69 // 100, 5, 999, before=1) == (0, 1)
+    assert finest(counts * 4, 5, 999, before=1) == (2, 1)
