@@ -246,12 +246,16 @@ class Choice(Decisions):
         self._next_revival_s = -math.inf
         self.claimed: tuple[tuple[Place, float, bool], ...] = ()
         """Where other vehicles are going, how far they have to go, and whether their word counts more than the own."""
+        self.newest: tuple[Way, float] | None = None
+        """The way to the unseen that was last found, and when."""
 
     def nearest_unseen(self, pose: Pose) -> Way | None:
         """The way to the nearest place that is unseen, and not left to another one; None where none is known."""
         here = self.place(pose)
         ways = self._ways(here)
-        return None if ways is None else ways.way(here, pose.yaw_rad, self._turn_m_per_rad)
+        way = None if ways is None else ways.way(here, pose.yaw_rad, self._turn_m_per_rad)
+        self.newest = None if way is None else (way, pose.t_s)
+        return way
 
     def better_way(self, gamma: int, pose: Pose, t_s: float) -> Way | None:
         """As `Decisions.better_way`; asked more often than `PLAN_PERIOD_S` none, and for a while after `refuse`."""
@@ -261,6 +265,7 @@ class Choice(Decisions):
         here = self.place(pose)
         ways = self._ways(here)
         way = None if ways is None else ways.way(here, pose.yaw_rad, self._turn_m_per_rad)
+        self.newest = None if way is None else (way, t_s)
         if ways is None or way is None:
             # Nothing else is left: what was given up may be tried from elsewhere.
             if t_s >= self._next_revival_s:

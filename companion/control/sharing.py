@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from companion.control.decisions import Choice
 from companion.control.ground_grid import GroundGrid
 from companion.control.known_ground import KnownGround, Place, Window
-from companion.model import ABSURD, Pose
+from companion.model import ABSURD
 
 TILE_CELLS = 32
 """Side of a tile: 16 m with the largest cells."""
@@ -129,8 +129,6 @@ class Sharing:
         self._corner: tuple[float, float] | None = None
         self._told: dict[tuple[int, int], bytes] = {}
         self._claims: dict[int, tuple[float, Claim]] = {}
-        self.newest_claim: Claim | None = None
-        """What was last claimed; None: nothing."""
 
     def news(self) -> GroundNews | None:
         """The tiles that have changed since they were last told, and in turn one that has not; None: nothing is known.
@@ -169,14 +167,13 @@ class Sharing:
             )
             self._ground.learn(theirs, (x_m, y_m, z_m), turn_rad)
 
-    def claim(self, pose: Pose) -> Claim | None:
-        """What this vehicle is on its way to, for the others; None where it knows of nothing."""
-        way = self._choice.nearest_unseen(pose)
-        self.newest_claim = None
-        if way is not None:
-            goal_m = self._frame.shared(way.goal.x_m, way.goal.y_m, way.goal.ground_m)
-            self.newest_claim = Claim(*goal_m, way.length_m)
-        return self.newest_claim
+    def claim(self, t_s: float) -> Claim | None:
+        """What this vehicle is on its way to, for the others, as of its last search; None where it knows of nothing."""
+        newest = self._choice.newest
+        if newest is None or t_s - newest[1] > CLAIM_LASTS_S:
+            return None
+        way, _ = newest
+        return Claim(*self._frame.shared(way.goal.x_m, way.goal.y_m, way.goal.ground_m), way.length_m)
 
     def on_claim(self, vehicle_id: int, claim: Claim | None, t_s: float) -> None:
         """Note what another vehicle is on its way to; None: nothing."""

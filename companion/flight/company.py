@@ -64,7 +64,6 @@ class Company:
         self._clocks: dict[int, OneWay] = {}
         self._frame: Frame | None = None
         self._sharing: Sharing | None = None
-        self._pose: Pose | None = None
         self._report: Report | None = None
         self._flies = False
         self._number = 0
@@ -86,7 +85,6 @@ class Company:
         if flies and self._sharing is None:
             navigator = self._explorer.navigator
             self._sharing = Sharing(self.own_id, self._frame, navigator.known_ground, navigator.choice)
-        self._pose = pose
         self._flies = flies
         at_m = self._frame.shared(pose.x_m, pose.y_m, pose.z_m)
         self._report = self._separation.report(now_s, at_m, height_m, flies)
@@ -149,13 +147,13 @@ class Company:
 
     def message(self, with_ground: bool) -> bytes | None:
         """What it tells the others now; None before it knows where it is."""
-        report, pose, sharing = self._report, self._pose, self._sharing
-        if report is None or pose is None:
+        report, sharing = self._report, self._sharing
+        if report is None:
             return None
         self._number += 1
         claim = news = None
         if sharing is not None and self._flies:
-            claim = sharing.claim(pose) if with_ground else sharing.newest_claim
+            claim = sharing.claim(report.t_s)
             news = sharing.news() if with_ground else None
         return FleetMessage(self.own_id, self._number, report, claim, news).encode()
 

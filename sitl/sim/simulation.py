@@ -342,7 +342,7 @@ class Simulation:
     def _share(self) -> None:
         """Every vehicle hears what the others know of the ground, and where they are going."""
         for flight in self.flights:
-            news, claim = flight.sharing.news(), flight.sharing.claim(flight.estimated)
+            news, claim = flight.sharing.news(), flight.sharing.claim(self.t_s)
             for other in self.flights:
                 if other is flight:
                     continue

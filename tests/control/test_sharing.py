@@ -204,7 +204,7 @@ def test_before_its_first_look_a_vehicle_learns_nothing_and_has_nothing_to_tell(
     one = sharing(ground, 2)
     one.learn(all_news(sharing(seen_along(DRIFT, -2.0, 12.0))))
     assert one.news() is None
-    assert one.claim(at(0.0)) is None
+    assert one.claim(0.0) is None
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, 0.0, -1.0, 1e12])
@@ -238,11 +238,14 @@ def goal_x_m(choice: Choice, pose: Pose) -> float:
 
 
 def test_it_claims_what_is_nearest() -> None:
-    """The west end, with the way there."""
+    """The west end, with the way there, as of the last search; one that is long ago says nothing."""
     one, choice, pose = between_two_ends()
-    claim = one.claim(pose)
+    assert one.claim(0.0) is None
+    goes_to_m = goal_x_m(choice, pose)
+    claim = one.claim(CLAIM_LASTS_S)
     assert claim is not None
-    assert claim.x_m == pytest.approx(goal_x_m(choice, pose))
+    assert claim.x_m == pytest.approx(goes_to_m)
+    assert one.claim(CLAIM_LASTS_S + 0.1) is None
     assert claim.x_m < -12.0
     assert claim.length_m >= abs(claim.x_m)
 
@@ -255,7 +258,8 @@ def test_it_claims_what_is_nearest() -> None:
 def test_what_another_one_claims_is_left_to_it(length_m: float, by: int, goes_west: bool) -> None:
     """To whoever surely is nearer; where that is not clear, to the smaller number."""
     one, choice, pose = between_two_ends(own_id=2)
-    west = one.claim(pose)
+    goal_x_m(choice, pose)
+    west = one.claim(0.0)
     assert west is not None
     one.on_claim(by, replace(west, length_m=length_m), 0.0)
     one.look(0.0)
@@ -271,10 +275,10 @@ def test_both_do_not_give_way_to_each_other() -> None:
         for other, claim in claims.items():
             one.on_claim(other, claim, 0.0)
         one.look(0.0)
-        found = one.claim(pose)
+        ends.append(goal_x_m(choice, pose))
+        found = one.claim(0.0)
         assert found is not None
         claims[own_id] = found
-        ends.append(goal_x_m(choice, pose))
     assert min(ends) < 0.0 < max(ends)
 
 
@@ -290,7 +294,8 @@ def test_where_nothing_else_is_left_it_helps() -> None:
 def test_a_claim_is_forgotten_when_it_is_not_renewed_or_withdrawn() -> None:
     """A vehicle that has fallen silent goes nowhere."""
     one, choice, pose = between_two_ends()
-    west = one.claim(pose)
+    goal_x_m(choice, pose)
+    west = one.claim(0.0)
     assert west is not None
     for t_s, claim, bound in ((0.0, west, True), (1.0, None, False), (2.0, west, True)):
         one.on_claim(1, claim and replace(claim, length_m=1.0), t_s)
@@ -312,7 +317,8 @@ def test_a_claim_that_is_no_number_is_none() -> None:
 def test_only_what_is_near_to_a_claim_is_left() -> None:
     """A branch on the same drift is somebody else's."""
     one, choice, pose = between_two_ends()
-    west = one.claim(pose)
+    goal_x_m(choice, pose)
+    west = one.claim(0.0)
     assert west is not None
     one.on_claim(1, replace(west, y_m=west.y_m + CLAIMED_M + 4.0, length_m=1.0), 0.0)
     one.look(0.0)

@@ -92,6 +92,15 @@ def test_groups_are_what_is_compared(campaign: Campaign) -> None:
     assert [(group.name, len(group.rows)) for group in kinds(single, rows)] == [("room", 6), ("random", 12)]
 
 
+def test_vehicles_that_collided_are_told_like_a_contact(campaign: Campaign) -> None:
+    """Protects from a fleet whose maps are complete and whose vehicles lie on the floor."""
+    rows = rows_of(campaign)
+    rows[4] |= {"collisions": 1, "least_distance_between_vehicles_m": 0.41}
+    assert sum(group.contacts for group in kinds(campaign, rows)) == 1
+    worst = {one.mission.number: one for one in worst_of(campaign, rows)}
+    assert worst[4].why[0] == "collision, 0.41 m from middle to middle"
+
+
 def test_the_report_names_the_worst_and_how_to_fly_them_again(tmp_path: Path, campaign: Campaign) -> None:
     """Protects the way from a number to its flight: the command has the settings, in a file that is there."""
     folder = tmp_path / "a campaign"

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from companion.cli.main import main
 from companion.config.load import load
 from companion.errors import InputError
 from sitl.launch.fleet import Seat, seats
@@ -54,6 +55,15 @@ def test_worlds_hear_all_others_and_not_themselves(three: tuple[Seat, ...]) -> N
     words = three[1].world_options()
     assert words[words.index("--neighbours-port") + 1] == "6002"
     assert [words[k + 1] for k, word in enumerate(words) if word == "--neighbour"] == ["6001", "6003"]
+
+
+def test_several_real_autopilots_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Both would listen on the same ports of one network."""
+    with pytest.raises(SystemExit) as ended:
+        main(["sitl", "fly", "--vehicles", "2", "--real", "--out", str(tmp_path / "out")])
+    assert ended.value.code == 2
+    assert "--vehicles 2: --real flies one" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_more_than_can_meet_are_refused() -> None:

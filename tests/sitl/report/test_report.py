@@ -284,6 +284,12 @@ def test_the_verdict_says_what_matters(completeness: float, contacts: int | None
     assert verdict(report)[1].startswith(words)
 
 
+def test_vehicles_that_collided_are_no_good_flight() -> None:
+    """Protects from a green page over two wrecks."""
+    report = replace(data(), summary={"completeness": 1.0, "contacts": 0, "collisions": 1})
+    assert verdict(report) == (State.BAD, "The map is complete, and no wall was touched, but vehicles collided.")
+
+
 def test_what_is_not_known_is_a_dash_on_every_card() -> None:
     unknown: dict[str, object] = dict.fromkeys(data().summary, math.nan)
     for summary in ({}, dict.fromkeys(unknown, None), unknown):

@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 
 from companion.config.control import ControlSettings
+from companion.config.load import load_settings
 from companion.config.mapping import MapSettings
 from companion.config.sensors import CameraSettings, SensorSettings
 from companion.config.settings import Settings
 from companion.config.sim import DynamicsSettings, SimSettings
+from companion.control.ground_grid import level_at
+from companion.control.known_ground import Place
 from companion.errors import InputError
 from companion.model import Pose
 from sitl.mines import World, load_world
@@ -407,3 +410,28 @@ class TestOwnWord:
         assert 0.0 < float(str(score["estimated_completeness"])) < 1.0
         assert "not reached" in {place.why.value for place in mission.left_out}
         assert score["left_out"] == [place.as_json() for place in mission.left_out]
+
+
+@pytest.mark.long
+def test_two_pass_above_each_other_and_go_on() -> None:
+    """Protects the meeting of vehicles that see each other: the upper one takes the lower one's back for no ground.
+
+    Taken for one it was the edge of a shaft when it had passed, and the upper one stood there until its inputs were
+    lost.
+    """
+    two = Simulation(load_world("complex", 4, None), load_settings(None, "flight"), 4, vehicles=2)
+    two.run(50.0)
+    first, second = (flight.log.positions_m for flight in two.flights)
+    beside_m, up_m = np.hypot(*(first - second)[:, :2].T), np.abs(first[:, 2] - second[:, 2])
+    assert beside_m.min() < 0.7, "they did not pass above each other: another seed is needed"
+    assert up_m[beside_m < 0.7].min() > 0.5
+    assert (two.ended_because, two.encounters.collisions, two.encounters.too_near_s) == ("time limit", 0, 0.0)
+    assert all(flight.blind_s == 0.0 for flight in two.flights)
+    assert np.isfinite(two.flights[0].log.column("h_m")).all()
+    # What each has seen the other knows too.
+    for flight, other in (two.flights, two.flights[::-1]):
+        there = Place.under(other.vehicle.pose, other.measurement.h_m if other.measurement else None)
+        known = flight.navigator.known_ground.window(there.x_m, there.y_m)
+        assert known is not None
+        row, column = known.cell(there)
+        assert level_at(known.grid, row, column, there.ground_dm) >= 0
