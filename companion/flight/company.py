@@ -11,7 +11,7 @@ import logging
 import math
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any, Protocol
 
 from companion.clock import Clock
@@ -89,6 +89,11 @@ class Company:
         at_m = self._frame.shared(pose.x_m, pose.y_m, pose.z_m)
         self._report = self._separation.report(now_s, at_m, height_m, flies)
 
+    @property
+    def frame(self) -> Frame | None:
+        """Where its own frame lies in the shared one; None before it is known where it stands."""
+        return self._frame
+
     def landed(self) -> None:
         """It stands on the ground and has no layer any more: the others are told, as long as this one still speaks."""
         self._flies = False
@@ -104,8 +109,9 @@ class Company:
         return self._fleet.others()
 
     def summary(self) -> dict[str, object]:
-        """For `summary.json`: its number, who was heard, and how many messages were refused."""
-        return {"number": self.own_id, "heard": sorted(self.others()), "refused": self.refused}
+        """For `summary.json`: its number, where its map lies in the shared frame, who was heard, what was refused."""
+        frame = None if self._frame is None else asdict(self._frame)
+        return {"number": self.own_id, "frame": frame, "heard": sorted(self.others()), "refused": self.refused}
 
     def beneath(self) -> tuple[Back, ...]:
         """The vehicles that this one may be above."""

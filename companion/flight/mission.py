@@ -173,6 +173,7 @@ class _Flight:
             )
             watchers = (recorder.tick, map_feed(mapper), reporter, situation)
             company = await stack.enter_async_context(in_company(settings, explorer, session.clock))
+            situation.company = company
             control_loop = session.control_loop(explorer, vehicle.send, watchers, company)
             airborne = Airborne(session, self._operator, vehicle, control_loop, mapper, events)
             situation.prospect = lambda: airborne.prospect

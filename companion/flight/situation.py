@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 from companion.autopilot.telemetry import Telemetry as Autopilot
 from companion.clock import Clock
+from companion.flight.company import Company
 from companion.flight.events import Details, Event
 from companion.flight.phase import PhaseMachine
 from companion.flight.prospect import Prospect
@@ -40,6 +41,7 @@ class Situation:
 
     Attributes:
         prospect: gives the prospect of coming home, when there is one.
+        company: the other vehicles, where there are any.
         ended_because: why the flight ended; empty before.
     """
 
@@ -56,6 +58,7 @@ class Situation:
         clock: Clock,
     ) -> None:
         self.prospect: Callable[[], Prospect | None] = lambda: None
+        self.company: Company | None = None
         self.ended_because = ""
         self._vehicle, self._flight = vehicle, flight
         self._margin_m, self._reserve_percent = margin_m, reserve_percent
@@ -102,6 +105,7 @@ class Situation:
             y_m=None if pose is None else _known(pose.y_m),
             z_m=None if pose is None else _known(pose.z_m),
             yaw_rad=None if pose is None else _known(pose.yaw_rad),
+            frame=self._frame(),
             d_m=None if measurement is None else _known(measurement.d_m),
             margin_m=self._margin_m,
             h_m=None if measurement is None else _known(measurement.h_m),
@@ -117,6 +121,10 @@ class Situation:
             warnings=self._warnings(now_s),
             ended_because=self.ended_because,
         )
+
+    def _frame(self) -> tuple[float, float, float, float] | None:
+        frame = None if self.company is None else self.company.frame
+        return None if frame is None else (frame.x_m, frame.y_m, frame.z_m, frame.yaw_rad)
 
     def _mode(self) -> str:
         tick = self._tick

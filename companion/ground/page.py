@@ -131,6 +131,7 @@ class GroundPage:
         self.commanding.refresh()
         with self._drawing:
             for vehicle in vehicles:
+                self._shown[vehicle.name].lie(vehicle.telemetry)
                 self._shown[vehicle.name].sketch.look(vehicle)
             if self._now_s() >= self._next_map_s:
                 self._next_map_s = self._now_s() + MAP_PERIOD_S
@@ -214,17 +215,16 @@ class GroundPage:
 
     def _whole(self) -> Box:
         """Around all maps; around where a vehicle begins while there is none."""
-        drawings = (shown.drawing for shown in self._shown.values())
-        boxes = [box for drawing in drawings if drawing is not None and (box := drawing.map.bounds_m) is not None]
+        boxes = [box for shown in self._shown.values() if (box := shown.bounds_m()) is not None]
         lows, highs = zip(*boxes, strict=True) if boxes else ((_START_M[0],), (_START_M[1],))
         return np.min(lows, axis=0), np.max(highs, axis=0)
 
     def _around_chosen(self) -> Box | None:
         vehicle = self.chosen()
         told = None if vehicle is None else vehicle.telemetry
-        if told is None or told.x_m is None or told.y_m is None or told.z_m is None:
+        if vehicle is None or told is None or told.x_m is None or told.y_m is None or told.z_m is None:
             return None
-        at_m = np.array([told.x_m, told.y_m, told.z_m])
+        at_m = self._shown[vehicle.name].shared_m(told.x_m, told.y_m, told.z_m)
         return at_m - _NEAR_M, at_m + _NEAR_M
 
     def _seen(self, origin_m: NDArray[np.float64], towards: NDArray[np.float64]) -> NDArray[np.float64] | None:
@@ -233,8 +233,7 @@ class GroundPage:
             found = [
                 point
                 for shown in self._shown.values()
-                if shown.drawing is not None and self.view.is_shown(shown.name)
-                if (point := shown.drawing.seen_from(origin_m, towards)) is not None
+                if self.view.is_shown(shown.name) and (point := shown.seen_from(origin_m, towards)) is not None
             ]
         return min(found, key=lambda point: float(np.linalg.norm(point - origin_m)), default=None)
 

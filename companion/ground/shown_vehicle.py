@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-import viser
+import itertools
+import math
 
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from companion.control.sharing import Frame
 from companion.ground.sketch import Sketch
 from companion.ground.station import VehicleView
-from companion.ground.view_controls import ViewControls
+from companion.ground.view_controls import Box, ViewControls
+from companion.link.words import Telemetry
 from companion.viewer.drawing import HeightRange, MapDrawing, Rgb
 from companion.viewer.tiles import packed_snapshot
 
@@ -30,6 +37,7 @@ class ShownVehicle:
         self._frame = server.scene.add_frame(self._root, show_axes=False)
         self._maps = server.scene.add_frame(f"{self._root}/map", show_axes=False)
         self.sketch = Sketch(server, self._root, name, colour)
+        self._lies = Frame()
         self._revision = 0
         self._map_number = -1
 
@@ -50,6 +58,35 @@ class ShownVehicle:
         if self.drawing is None:
             self.drawing = MapDrawing(self._server, f"{self._root}/map", snapshot.voxel_m, heights)
         self.drawing.put(packed_snapshot(snapshot))
+
+    def lie(self, told: Telemetry | None) -> None:
+        """Draw everything of it where it lies in the frame that vehicles share, by the newest word."""
+        frame = Frame() if told is None or told.frame is None else Frame(*told.frame)
+        if frame != self._lies:
+            self._lies = frame
+            self._frame.position = np.array([frame.x_m, frame.y_m, frame.z_m])
+            self._frame.wxyz = np.array([math.cos(frame.yaw_rad / 2.0), 0.0, 0.0, math.sin(frame.yaw_rad / 2.0)])
+
+    def shared_m(self, x_m: float, y_m: float, z_m: float) -> NDArray[np.float64]:
+        """A place of its map in the frame that vehicles share."""
+        return np.array(self._lies.shared(x_m, y_m, z_m))
+
+    def bounds_m(self) -> Box | None:
+        """The box around its map in the frame that vehicles share; None where there is nothing."""
+        box = None if self.drawing is None else self.drawing.map.bounds_m
+        if box is None:
+            return None
+        corners = np.array([self.shared_m(*corner) for corner in itertools.product(*zip(*box, strict=True))])
+        return corners.min(axis=0), corners.max(axis=0)
+
+    def seen_from(self, origin_m: NDArray[np.float64], towards: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """The nearest point of its map along a ray, all in the frame that vehicles share."""
+        if self.drawing is None:
+            return None
+        own_m = np.array(self._lies.own(*origin_m))
+        along = np.array(self._lies.own(*(origin_m + towards))) - own_m
+        point = self.drawing.seen_from(own_m, along)
+        return None if point is None else self.shared_m(*point)
 
     def show(self, view: ViewControls, visible: bool) -> None:
         """Show or hide it, and what of it is wanted."""

@@ -51,6 +51,8 @@ class Telemetry:
         y_m: see ``x_m``.
         z_m: see ``x_m``.
         yaw_rad: heading.
+        frame: where the origin of the vehicle's map lies in the frame that vehicles share, x, y and z in m, and how far
+            it is turned to the left, in rad; None where the vehicle is not one of several.
         d_m: the least distance to rock.
         margin_m: d_s, the distance that is kept.
         h_m: height above the ground below.
@@ -78,6 +80,7 @@ class Telemetry:
     y_m: float | None = None
     z_m: float | None = None
     yaw_rad: float | None = None
+    frame: tuple[float, float, float, float] | None = None
     d_m: float | None = None
     margin_m: float | None = None
     h_m: float | None = None

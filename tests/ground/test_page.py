@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -49,6 +50,27 @@ def test_the_map_is_shown_without_its_roof(vehicle: FakeVehicle) -> None:
     with turned(vehicle) as page:
         ground, walls = 3 * 16 * 14, 3 * 16 * 2 * 26
         assert page.points == ground + walls
+
+
+def test_each_vehicle_lies_where_it_is_in_the_shared_frame(vehicle: FakeVehicle) -> None:
+    """Protects from maps of vehicles that started elsewhere, and point elsewhere, drawn on top of each other."""
+    other = FakeVehicle("Nix", telling("Nix", frame=(10.0, 5.0, 0.0, math.pi / 2.0)))
+    other.dig(3)
+    with turned(vehicle, other) as page:
+        low_m, high_m = page._whole()
+        # The tunnel of 4.8 m along x and 1.6 m across, turned to the left about (10, 5).
+        assert (low_m[0], low_m[1], high_m[0], high_m[1]) == pytest.approx((0.0, 0.0, 10.0, 9.8), abs=0.2)
+        shown = page._shown["Nix"]
+        assert shown._frame.position == pytest.approx([10.0, 5.0, 0.0])
+        assert shown._frame.wxyz == pytest.approx([math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)])
+        hit = shown.seen_from(np.array([9.2, 7.0, 1.2]), np.array([0.0, 0.0, -1.0]))
+        assert hit is not None
+        assert hit == pytest.approx([9.2, 7.0, 0.05], abs=0.12)
+        page.choose("Nix")
+        around = page._around_chosen()
+        assert around is not None
+        # At (3, 1) of its own map.
+        assert (around[0] + around[1]) / 2.0 == pytest.approx([9.0, 8.0, 1.5])
 
 
 def test_only_what_changed_is_drawn_again(vehicle: FakeVehicle, monkeypatch: pytest.MonkeyPatch) -> None:
