@@ -1,6 +1,6 @@
 # Every target prepares what it needs, on a machine where nothing but Python 3.11 or newer is installed.
 .DEFAULT_GOAL := help
-.PHONY: help setup explore fly test test-flights test-safety test-real mutants check-docker format
+.PHONY: help setup explore fly ground test test-flights test-safety test-real mutants check-docker format
 
 # A shell prepared for ROS or conda would bring its own packages along.
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
@@ -18,6 +18,9 @@ explore: setup ## fly through a simulated mine into a new folder in runs/; optio
 
 fly: setup ## fly over MAVLink in real time: stub autopilot, world and application; options: ARGS="--help"
 	@.venv/bin/companion sitl fly $(ARGS)
+
+ground: setup ## see a map grow: fly over MAVLink and the link with the operator's page open; options: ARGS="--help"
+	@.venv/bin/companion sitl ground $(ARGS)
 
 test: setup ## format, lint, types, import contracts and tests; options for pytest: ARGS="-k config"
 	@scripts/check $(ARGS)

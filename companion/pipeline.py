@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.config.settings import Settings
+from companion.control.fleet import Fleet
 from companion.control.known_ground import Outlook
 from companion.control.navigator import Navigator
+from companion.control.separation import Back, Separation, Spacing
 from companion.model import Input, Measurement, Mode, Observation, Setpoint
 from companion.perception import Extractor
 
@@ -79,6 +81,38 @@ class Tick:
         return self.observation, self.measurement
 
 
+def spacing(settings: Settings) -> Spacing:
+    """How far from each other vehicles with these settings are to be."""
+    fleet, control = settings.fleet, settings.control
+    layer_m = fleet.tunnel_height_m / (fleet.largest_group + 1)
+    return Spacing(
+        apart_m=control.vertical_margin_m,
+        keep_m=2.0 * settings.vehicle.body_radius_m + fleet.margin_m,
+        speed_mps=control.speed_mps,
+        reaction_s=control.governor.reaction_s,
+        brake_mps2=control.governor.brake_mps2,
+        slope=settings.sensors.scan.max_ground_slope,
+        body_height_m=settings.vehicle.body_height_m,
+        lowest_m=layer_m,
+        highest_m=fleet.largest_group * layer_m,
+    )
+
+
+def fleet_of(settings: Settings, own_id: int) -> tuple[Fleet, Separation]:
+    """What a vehicle with these settings knows of others, and what keeps it apart from them.
+
+    Whoever has to brake for another one is in a group with it, however small d_r is: only so do they come apart.
+    """
+    apart = spacing(settings)
+    fleet = Fleet(
+        own_id,
+        group_range_m=max(settings.fleet.group_range_m, apart.near_m + apart.stop_m),
+        tunnel_height_m=settings.fleet.tunnel_height_m,
+        stale_after_s=settings.fleet.stale_after_s,
+    )
+    return fleet, Separation(fleet, apart, settings.control.height_m, settings.fleet.stale_after_s)
+
+
 class Explorer:
     """From observations to setpoints. Knows no clock: the time of a tick is that of its observation.
 
@@ -99,9 +133,15 @@ class Explorer:
         """Measure without steering: on the ground, and while the pilot flies."""
         return self._extractor.measure(observation)
 
-    def step(self, observation: Observation, order: Order = Order.EXPLORE) -> Steering:
-        """One sampling period: measure, then execute the navigation law, or wait."""
-        measurement = self._extractor.measure(observation)
+    def step(self, observation: Observation, order: Order = Order.EXPLORE, beneath: tuple[Back, ...] = ()) -> Steering:
+        """One sampling period: measure, then execute the navigation law, or wait.
+
+        Args:
+            observation: what the sensors said.
+            order: what it is told.
+            beneath: the other vehicles that it may be above.
+        """
+        measurement = self._extractor.measure(observation, beneath)
         if order is Order.HOME:
             self.navigator.go_home(observation.t_s)
         steer = self.navigator.wait if order is Order.WAIT else self.navigator.step

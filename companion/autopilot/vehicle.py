@@ -55,7 +55,6 @@ class Vehicle:
             link, clock, self._modes, settings.autopilot.silence_s, settings.safety.stale.heartbeat_s
         )
         self._start_z_m: float | None = None
-        self._holds = settings.mission.end_action == "hold"
 
     @property
     def taken_over(self) -> str | None:
@@ -125,8 +124,7 @@ class Vehicle:
         return self._offboard.send(setpoint)
 
     async def hold(self) -> None:
-        """Stop and stay, beyond the end of the block: hold on PX4, refused without an origin, brake on ArduPilot."""
-        self._holds = True
+        """Stop and stay: hold on PX4, which refuses it without a global origin, brake on ArduPilot."""
         await self._hold(None)
 
     async def land(self, timeout_s: float = LAND_S) -> bool:
@@ -201,7 +199,7 @@ class Vehicle:
             self._offboard.release()
 
     async def _end(self) -> None:
-        modes, holds = self._modes, self._holds
+        modes, holds = self._modes, self._settings.mission.end_action == "hold"
         if not (modes.asked_to_arm and modes.maybe_armed):
             return
         await modes.confirm_ours()

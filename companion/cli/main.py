@@ -21,6 +21,7 @@ import typer
 from companion.cli import flight as flight_commands
 from companion.cli import keys as keys_commands
 from companion.cli import safety as safety_commands
+from companion.cli.ground import ground
 from companion.cli.maps import commands as map_commands
 from companion.cli.options import Config, Preset
 from companion.errors import EXIT_INTERRUPTED, CompanionError
@@ -124,6 +125,7 @@ def _app(commands: dict[str, EntryPoint], called: str | None) -> typer.Typer:
     app.callback()(_root)
     for command in (flight_commands.run, flight_commands.check, flight_commands.figures, flight_commands.replay):
         app.command()(command)
+    app.command()(ground)
     app.add_typer(config_app, name="config")
     app.add_typer(safety_commands.app, name="safety")
     app.add_typer(map_commands.app, name="map")

@@ -96,6 +96,21 @@ class Settings(Section):
                 "mission.link_lost",
                 "link.enabled",
             )
+        fleet = self.fleet
+        if fleet.number is None and (fleet.port is not None or fleet.peer_ports):
+            raise refuse(
+                "fleet.number is null, but fleet.port or fleet.peer_ports is set: vehicles that hear each other need a "
+                "number each, from 1 on",
+                "fleet.number",
+                "fleet.port",
+                "fleet.peer_ports",
+            )
+        if fleet.port is not None and fleet.port in fleet.peer_ports:
+            raise refuse(
+                f"fleet.port = {fleet.port} is one of fleet.peer_ports: it would hear itself; leave it out there",
+                "fleet.port",
+                "fleet.peer_ports",
+            )
         safety_rules.check_limits(self.safety, self.control)
         safety_rules.check_distance(self.safety, self.vehicle, self.control)
         safety_rules.check_ages(self.safety, self.control, self.sensors, self.autopilot)

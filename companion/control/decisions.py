@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from companion.control import remaining
 from companion.control.edges import Edge
-from companion.control.informed import WallFollowing, Way, Ways, find_ways
+from companion.control.informed import WallFollowing, Way, Ways, find_ways, find_ways_but
 from companion.control.known_ground import KnownGround, Place
 from companion.control.left_out import LeftOut
 from companion.control.parameters import Parameters
@@ -45,6 +45,12 @@ THERE_M = 1.0
 
 BLOCKED_S, BLOCKED_M = 3.0, 1.5
 """Where the scan does not confirm a straight, no way leads through the cells so far along it any more."""
+
+CLAIMED_M = 6.0
+"""What is unseen so near to where another vehicle is going will be seen by that one."""
+
+MINE_SHARE = 0.5
+"""What another one claims is not left to it where the straight line there is shorter than this share of its way."""
 
 GIVEN_UP_M = 1.5
 """What is still unseen so near to where it was looked for, cannot be seen from there."""
@@ -238,6 +244,14 @@ class Choice(Decisions):
         super().__init__(parameters, ground)
         self.refusal, self.least_straight_m = parameters.least_probability, parameters.margin_m
         self._next_revival_s = -math.inf
+        self.claimed: tuple[tuple[Place, float, bool], ...] = ()
+        """Where other vehicles are going, how far they have to go, and whether their word counts more than the own."""
+
+    def nearest_unseen(self, pose: Pose) -> Way | None:
+        """The way to the nearest place that is unseen, and not left to another one; None where none is known."""
+        here = self.place(pose)
+        ways = self._ways(here)
+        return None if ways is None else ways.way(here, pose.yaw_rad, self._turn_m_per_rad)
 
     def better_way(self, gamma: int, pose: Pose, t_s: float) -> Way | None:
         """As `Decisions.better_way`; asked more often than `PLAN_PERIOD_S` none, and for a while after `refuse`."""
@@ -269,9 +283,7 @@ class Choice(Decisions):
 
     def onward(self, pose: Pose) -> Way | None:
         """As `Decisions.onward`; where it has ended, what is still unseen is given up."""
-        here = self.place(pose)
-        ways = self._ways(here)
-        way = None if ways is None else ways.way(here, pose.yaw_rad, self._turn_m_per_rad)
+        way = self.nearest_unseen(pose)
         if way is None:
             return None
         if math.hypot(way.goal.x_m - pose.x_m, way.goal.y_m - pose.y_m) > THERE_M:
@@ -290,4 +302,15 @@ class Choice(Decisions):
         return remaining.left_out(self._ground, self.place(pose))
 
     def _ways(self, place: Place) -> Ways | None:
-        return None if self._parameters.choice == "coin" else find_ways(self._ground, place)
+        if self._parameters.choice == "coin":
+            return None
+        taken = [goal for goal, length_m, counts_more in self.claimed if _is_theirs(place, goal, length_m, counts_more)]
+        ways = find_ways_but(self._ground, place, taken, CLAIMED_M) if taken else None
+        # Where nothing else is left, help: whoever claims it may never come.
+        return find_ways(self._ground, place) if ways is None else ways
+
+
+def _is_theirs(place: Place, goal: Place, length_m: float, counts_more: bool) -> bool:
+    """Whether another vehicle that has so far to go is to go there, and not one that is at this place."""
+    straight_m = math.hypot(goal.x_m - place.x_m, goal.y_m - place.y_m)
+    return length_m <= straight_m or (counts_more and MINE_SHARE * length_m <= straight_m)

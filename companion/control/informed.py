@@ -7,6 +7,7 @@ and where to, depends on the grid: the corridor is confirmed by the scan before 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled
-from companion.control.ground_grid import FREE, WALL, GroundGrid, is_frontier, level_at, step_to
+from companion.control.ground_grid import FREE, LEVEL_DM, WALL, GroundGrid, is_frontier, level_at, step_to
 from companion.control.known_ground import KnownGround, Place, Window
 from companion.model import wrap_rad
 
@@ -150,6 +151,22 @@ def find_ways(ground: KnownGround, place: Place) -> Ways | None:
     """Search about a place; None before anything has been seen."""
     window = ground.window(place.x_m, place.y_m)
     return None if window is None else ways_within(window, place)
+
+
+def find_ways_but(ground: KnownGround, place: Place, taken: Sequence[Place], within_m: float) -> Ways | None:
+    """Search about a place for what is unseen, but not as near as that to others; None where no way leads to any."""
+    window = ground.window(place.x_m, place.y_m)
+    if window is None:
+        return None
+    goals = frontier_cells(window)
+    levels, rows, columns = np.nonzero(goals)
+    for goal in taken:
+        row, column = window.cell(goal)
+        near = np.hypot(rows - row, columns - column) * window.cell_m <= within_m
+        near &= np.abs(window.grid.ground_dm[levels, rows, columns] - goal.ground_dm) <= LEVEL_DM
+        goals[levels[near], rows[near], columns[near]] = False
+    ways = ways_within(window, place, goals)
+    return None if ways.cost_m(place) is None else ways
 
 
 def ways_within(window: Window, place: Place, goals: NDArray[np.bool_] | None = None) -> Ways:

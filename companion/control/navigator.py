@@ -85,9 +85,10 @@ class Navigator:
         """What has been seen of the plan, and where it was flown."""
         self.graph = NavigationGraph()
         """G, as far as it has been met: nothing steers by it."""
-        self._choice = Choice(parameters, self.known_ground)
+        self.choice = Choice(parameters, self.known_ground)
+        """Which way the exploring takes."""
         self.homing = Homing(parameters, self.known_ground)
-        self._decisions: Decisions = self._choice
+        self._decisions: Decisions = self.choice
         self._way = KnownWay(parameters, self._decisions)
         self._laps = LapCounter()
         self._ramp = Ramp(parameters.max_accel_mps2, parameters.period_s)
@@ -123,11 +124,11 @@ class Navigator:
 
     def is_way_left(self, pose: Pose) -> bool | None:
         """Whether known ground has a way from here to something unseen; None where that is not known."""
-        return self._choice.is_way_left(pose)
+        return self.choice.is_way_left(pose)
 
     def left_out(self, pose: Pose) -> Iterator[LeftOut]:
         """What was seen of the ground and not looked into, for a vehicle that is here at the end."""
-        return self._choice.left_out(pose)
+        return self.choice.left_out(pose)
 
     def way_home(self, measurement: Measurement, pose: Pose, anew: bool = False) -> WayHome | None:
         """How far home is over what is known, and how long that takes; None where no way is known.

@@ -85,9 +85,8 @@ class Airborne:
                 finally:
                     phases.update(PhaseEvent.STOPPED)
                 if not last.hands_off:
-                    holds = self._action(why) == "hold"
-                    await self._while_it_can(vehicle.hold() if holds else vehicle.land())
-                    if self._coming_home is not None and not holds:
+                    await self._while_it_can(vehicle.hold() if self._action(why) == "hold" else vehicle.land())
+                    if self._coming_home is not None:
                         self._coming_home.landed()
         finally:
             if self._is_left():
@@ -121,8 +120,6 @@ class Airborne:
     def _action(self, why: Termination) -> str:
         """What follows the exploring: home, hold or land. What a person asked for goes before the settings."""
         wish, action = self._operator.wish, self._settings.mission.end_action
-        if wish is Wish.HOLD:
-            return "hold"
         if wish is Wish.LAND and why is Termination.STOPPED:
             return "land"
         if wish is Wish.HOME and why is Termination.STOPPED:

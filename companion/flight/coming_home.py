@@ -8,7 +8,7 @@ from typing import Any
 from companion.flight.control_loop import ControlLoop
 from companion.flight.events import Event, EventEmitter
 from companion.flight.lookout import Lookout
-from companion.flight.operator_commands import OperatorCommands, Wish
+from companion.flight.operator_commands import OperatorCommands
 from companion.flight.phase import PhaseEvent
 from companion.flight.preflight.ready import LOOK_PERIOD_S
 from companion.flight.session import Session
@@ -159,8 +159,7 @@ class ComingHome:
             self._events.emit(Event.OUT_OF_REACH, spent=f"{spent:.0f}")
 
     def _tell(self, because: Termination, why: Termination) -> None:
-        stops = "holding" if self._operator.wish is Wish.HOLD else "landing"
-        then = "hands off" if why.hands_off else stops
+        then = "hands off" if why.hands_off else "landing"
         event = Event.HOMING_ENDED if why.as_it_should else Event.HOMING_ENDED_EARLY
         recorded = f"{because.value}; the way home: {why.value}"
         self._events.emit(event, why=why.value, brief=why.in_brief, then=then, recorded=recorded)

@@ -8,6 +8,8 @@ from collections.abc import AsyncIterator, Callable
 
 from companion.clock import Clock
 from companion.control.homing.homing import WayHome
+from companion.control.separation import Clearance
+from companion.flight.company import Company
 from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.model import Input, Measurement, Mode, Pose, Setpoint
 from companion.pipeline import Explorer, Order, Tick
@@ -63,6 +65,7 @@ class ControlLoop:
             pre-flight check.
         watchers: who is told of every tick.
         ticked: tells the gate of every tick before its setpoint goes out; without it no setpoint passes.
+        company: the other vehicles; None: it flies alone.
     """
 
     def __init__(
@@ -74,6 +77,7 @@ class ControlLoop:
         send: Callable[[Setpoint], bool] | None,
         watchers: tuple[Watcher, ...] = (),
         ticked: Ticked | None = None,
+        company: Company | None = None,
     ) -> None:
         self.measurement: Measurement | None = None
         """Of the newest tick, None when it had no pose."""
@@ -87,6 +91,7 @@ class ControlLoop:
         self._send = send
         self._watchers = watchers
         self._ticked = ticked
+        self._company = company
 
     def measured_height_m(self) -> float | None:
         """Height above ground, measured by the beam that looks down; None when it is not known now."""
@@ -129,9 +134,16 @@ class ControlLoop:
         observation = self._inputs.observe(now_s)
         measurement: Measurement | None = None
         setpoint: Setpoint | None = None
+        clearance = None if observation is None else self._clearance(now_s, observation.pose)
         if observation is not None and steered:
-            steering = self._explorer.step(observation, order)
+            if clearance is not None:
+                self._explorer.navigator.height_m = clearance.height_m
+                order = Order.WAIT if clearance.holds else order
+            beneath = () if self._company is None else self._company.beneath()
+            steering = self._explorer.step(observation, order, beneath)
             measurement, setpoint = steering.measurement, steering.setpoint
+            if clearance is not None and self._company is not None:
+                setpoint = clearance.limited(setpoint, self._company.shared_yaw_rad(observation.pose))
         elif observation is not None:
             measurement = self._explorer.look(observation)
         missing = (Input.POSE,) if measurement is None else measurement.missing
@@ -161,6 +173,14 @@ class ControlLoop:
         for watch in self._watchers:
             watch(tick)
         return tick
+
+    def _clearance(self, now_s: float, pose: Pose) -> Clearance | None:
+        """What the others leave it to do; None: it flies alone."""
+        if self._company is None:
+            return None
+        phase = self._flight.phase
+        self._company.see(now_s, pose, self.measured_height_m(), phase.airborne and phase is not FlightPhase.ENDED)
+        return self._company.clearance(now_s)
 
     def _order(self) -> Order:
         if self._flight.paused:

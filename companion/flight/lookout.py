@@ -77,7 +77,7 @@ class Lookout:
             gate_took_over=session.gate.took_over is not None,
             gate_lost=session.gate.lost.is_set(),
             stop_asked=self._operator.wish is not Wish.NOTHING,
-            landing_asked=self._operator.wish >= Wish.LAND,
+            landing_asked=self._operator.wish is Wish.LAND,
             complete=self._is_done,
             flown_s=now_s - self._began_s,
             blind_s=now_s - self._control_loop.fresh_s,

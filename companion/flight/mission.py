@@ -24,6 +24,7 @@ from companion.control.left_out import LeftOut, in_words, merged, so_many, to_ex
 from companion.errors import InputError
 from companion.flight.airborne import Airborne
 from companion.flight.coming_home import Homecoming
+from companion.flight.company import in_company
 from companion.flight.events import Event, EventEmitter, console, recording, status_text
 from companion.flight.gate_client import GateClient
 from companion.flight.gate_socket import GateSocket
@@ -171,7 +172,8 @@ class _Flight:
                 events, self._status_reporter, session.telemetry, mapper, session.flight, session.sink.warnings
             )
             watchers = (recorder.tick, map_feed(mapper), reporter, situation)
-            control_loop = session.control_loop(explorer, vehicle.send, watchers)
+            company = await stack.enter_async_context(in_company(settings, explorer, session.clock))
+            control_loop = session.control_loop(explorer, vehicle.send, watchers, company)
             airborne = Airborne(session, self._operator, vehicle, control_loop, mapper, events)
             situation.prospect = lambda: airborne.prospect
             broke_off: Exception | None = None
@@ -182,6 +184,8 @@ class _Flight:
                 broke_off, why = error, f"broke off: {error}"
                 events.emit(Event.BROKE_OFF, why=why)
             situation.ended_because = why
+            if company is not None and not session.telemetry.state(session.clock.now_s()).armed:
+                company.landed()
             navigation = Navigation.of(explorer.navigator)
             files, problem = await self._save(mapper, navigation, map_folder, folder, earlier.window is not None)
             if link is not None:
@@ -200,6 +204,7 @@ class _Flight:
                 "map_folder": str(map_folder),
                 "graph": navigation.graph.counts()._asdict(),
                 "map_problem": problem,
+                "fleet": None if company is None else company.summary(),
             }
         try:
             with whole_file(folder / "summary.json") as file:

@@ -23,7 +23,7 @@ _DOES = {
     FlightPhase.TAKING_OFF: "it is taking off",
     FlightPhase.EXPLORING: "it is exploring",
     FlightPhase.HOMING: "it is on its way home",
-    FlightPhase.LEAVING: "it lands or holds already",
+    FlightPhase.LEAVING: "its autopilot lands or holds it",
     FlightPhase.ENDED: "its flight is over",
 }
 """Why not, in words that fit a pilot's display."""
@@ -50,8 +50,6 @@ class Wish(enum.IntEnum):
     HOME = 2
     LAND = 3
     """Where it is."""
-    HOLD = 4
-    """Where it is: a stop."""
 
 
 class OperatorCommands:
@@ -89,15 +87,12 @@ class OperatorCommands:
             return self._start(phase)
         if command in (Command.PAUSE, Command.CONTINUE):
             return self._pause(command is Command.PAUSE, phase)
-        if command is Command.STOP and phase < FlightPhase.TAKING_OFF:
-            return self._stay()
+        if command is Command.STOP:
+            return self._brake(phase)
         least = FlightPhase.EXPLORING if command is Command.HOME else FlightPhase.TAKING_OFF
         if not least <= phase < FlightPhase.LEAVING:
             return Answer(False, _DOES[phase])
-        if command is Command.STOP:
-            # The end of a flight is looked for a few times a second; what is paused stands with the next tick.
-            self._flight.pause(True)
-        self._want({Command.HOME: Wish.HOME, Command.LAND: Wish.LAND, Command.STOP: Wish.HOLD}[command])
+        self._want(Wish.HOME if command is Command.HOME else Wish.LAND)
         return Answer(True)
 
     @contextlib.contextmanager
@@ -200,12 +195,16 @@ class OperatorCommands:
         self.start.set()
         return Answer(True)
 
-    def _stay(self) -> Answer:
-        """On the ground a stop takes back a start that has not been obeyed yet: nothing takes off after it."""
-        self.start.clear()
-        if not self._by_command and self._flight.phase is FlightPhase.CHECKING:
-            # Then it would start by itself.
+    def _brake(self, phase: FlightPhase) -> Answer:
+        """Stand with the next tick; what is not in the air yet stays on the ground."""
+        if phase is FlightPhase.LEAVING:
+            return Answer(False, _DOES[phase])
+        if phase.steered:
+            self._flight.pause(True)
+        elif phase in (FlightPhase.CHECKING, FlightPhase.TAKING_OFF):
             self._want(Wish.END)
+        # A start that has not been obeyed yet is taken back.
+        self.start.clear()
         return Answer(True)
 
     def _pause(self, paused: bool, phase: FlightPhase) -> Answer:

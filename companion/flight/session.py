@@ -14,6 +14,7 @@ from companion.autopilot.telemetry import Telemetry
 from companion.clock import Clock
 from companion.config.settings import Settings
 from companion.errors import InputError
+from companion.flight.company import Company
 from companion.flight.control_loop import ControlLoop, Rate, Watcher
 from companion.flight.gate_client import GateClient
 from companion.flight.phase import PhaseMachine
@@ -46,11 +47,15 @@ class Session:
     """The transmitter's switch; None where none is configured."""
 
     def control_loop(
-        self, explorer: Explorer, send: Callable[[Setpoint], bool] | None = None, watchers: tuple[Watcher, ...] = ()
+        self,
+        explorer: Explorer,
+        send: Callable[[Setpoint], bool] | None = None,
+        watchers: tuple[Watcher, ...] = (),
+        company: Company | None = None,
     ) -> ControlLoop:
         """The loop over these inputs, which tells the gate of every tick; see `ControlLoop`."""
         rate = Rate(self.clock, self.settings.control.period_s)
-        return ControlLoop(self.inputs, explorer, rate, self.flight, send, watchers, self.gate.ticked)
+        return ControlLoop(self.inputs, explorer, rate, self.flight, send, watchers, self.gate.ticked, company)
 
 
 @asynccontextmanager

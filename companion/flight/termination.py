@@ -93,7 +93,7 @@ class Conditions:
         gate_took_over: whether the gate says that it holds or lands, so that such a mode is its doing.
         gate_lost: whether the gate is gone.
         stop_asked: whether a person asked for the end, whichever.
-        landing_asked: whether a person asked for the end of the flight here, landing or holding.
+        landing_asked: whether a person asked for the landing here.
         complete: whether the mission is done, as `Completion` says.
         flown_s: time since the take-off.
         blind_s: time since inputs were last fresh.

@@ -19,10 +19,12 @@ from numpy.typing import NDArray
 
 from companion.config.load import load_settings
 from companion.config.settings import Settings
+from companion.control.decisions import Choice
 from companion.control.edges import Edge, corridor_is_free, lies_along_boundary, open_direction
 from companion.control.informed import WallFollowing, find_ways
 from companion.control.known_ground import KnownGround, Place
 from companion.control.narrow import width_m
+from companion.control.sharing import Frame, Sharing
 from companion.geometry import pixel_tangents, rotation
 from companion.mapping import VoxelMap
 from companion.mapping.files import write_map
@@ -182,6 +184,12 @@ def _decide(measurement: Measurement, pose: Pose, settings: Settings) -> None:
     here = Place(-4.0, 0.0, 0.0)
     ground.block(here)
     ground.give_up(here, 1.0)
+    other = KnownGround()
+    other.see(measurement, pose)
+    choice = Choice(settings.control, other)
+    news = Sharing(1, Frame(), ground, choice).news()
+    if news is not None:
+        Sharing(2, Frame(), other, choice).learn(news)
     ways = find_ways(ground, here)
     if ways is not None:
         ways.way(here, 0.0, 1.0)

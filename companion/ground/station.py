@@ -34,12 +34,21 @@ class VehicleView(Protocol):
         """How old what is missing of its map is: 0 when the ground has all of it; infinite where nothing is known."""
         ...
 
+    @property
+    def map_number(self) -> int:
+        """Another one when what was shown of its map is void: it tells of another map, or the copy begins anew."""
+        ...
+
     def changed(self, revision: int) -> MapSnapshot:
         """The states of the chunks that changed after a revision of the ground's copy of its map; 0: of all."""
         ...
 
     def source(self) -> MapSource:
-        """The ground's copy of its map, for files."""
+        """The ground's copy of its map, for files.
+
+        Raises:
+            CompanionError: there is none yet.
+        """
         ...
 
     def way_m(self) -> FloatArray:

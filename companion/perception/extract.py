@@ -12,6 +12,7 @@ from companion.compiled import compiled
 from companion.config.sensors import SensorSettings
 from companion.config.vehicle import VehicleSettings
 from companion.control.boundary import nearest
+from companion.control.separation import Back
 from companion.model import (
     CLEAR,
     FRONT_RAD,
@@ -27,7 +28,7 @@ from companion.model import (
 )
 from companion.perception.approach import Approach, nearest_of
 from companion.perception.depth import Slab, look_ahead
-from companion.perception.ground_below import GroundBelow
+from companion.perception.ground_below import GroundBelow, above_ground_m
 from companion.perception.look import Look, bin_bearings, planar_look
 from companion.perception.rangefinders import Beams, sees_nothing
 from companion.perception.scan_memory import ScanMemory
@@ -89,11 +90,17 @@ class Extractor:
         self._beams = Beams(settings.beams)
         self._approaches = {side: [Approach(towards_rad) for _ in range(3)] for side, towards_rad in _SIDEWAYS.items()}
 
-    def measure(self, observation: Observation) -> Measurement:
-        """The measurement at ``observation.t_s``, from this observation and the memory of the earlier ones."""
+    def measure(self, observation: Observation, beneath: tuple[Back, ...] = ()) -> Measurement:
+        """The measurement at ``observation.t_s``, from this observation and the memory of the earlier ones.
+
+        Args:
+            observation: of now.
+            beneath: the other vehicles that it may be above.
+        """
         t_s, pose = observation.t_s, observation.pose
         self._beams.on_readings(observation.ranges, pose)
-        h_m, over_shaft = self._ground.see(self._beams.height_m(pose, t_s), self._beams.no_ground(t_s), pose, t_s)
+        down_m = above_ground_m(self._beams.height_m(pose, t_s), beneath)
+        h_m, over_shaft = self._ground.see(down_m, self._beams.no_ground(t_s), pose, t_s)
         ground_m = self._ground.height_m(t_s)
         if over_shaft:
             self._shafts.mark(pose)

@@ -6,6 +6,7 @@ back such a step is a wall in the slab. Nobody who wants to come home flies down
 
 from __future__ import annotations
 
+from companion.control.separation import Back
 from companion.model import Pose
 
 KEPT_S = 10.0
@@ -17,6 +18,27 @@ LEAST_DROP_M = 0.5
 RISES_S = 0.25
 """Ground that has risen by more than it may fall is believed after so long: two readings of a beam of 10 Hz. One alone
 is dust or spray in the beam; taken for ground, the floor below would be a shaft ever after."""
+
+
+MEETS_M = 0.4
+"""Two positions in one frame may differ by so much in height and still be one place. From the back of the lowest
+vehicle it is further to the ground."""
+
+
+def above_ground_m(down_m: float | None, beneath: tuple[Back, ...]) -> float | None:
+    """The height above ground, also where the beam downward ends on the back of another vehicle.
+
+    A back is no ground: once it was passed the ground would have fallen, and that is where nobody flies on.
+
+    Args:
+        down_m: how far the beam downward sees; None where it says nothing.
+        beneath: the vehicles that this one may be above.
+    """
+    if down_m is None:
+        return None
+    backs = [(abs(back.down_m - down_m), back.height_m) for back in beneath]
+    off_m, height_m = min(backs, default=(MEETS_M, 0.0))
+    return down_m + height_m if off_m < MEETS_M else down_m
 
 
 class GroundBelow:

@@ -23,7 +23,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from companion.mapping.files.whole import whole_file
 from companion.mapping.voxels.chunks import SHIFT
@@ -123,7 +122,7 @@ class _Sheet:
 
     def __init__(self, voxels: PackedVoxels) -> None:
         self._voxels = voxels
-        self._low, high = _bounds(voxels)
+        self._low, high = voxels.bounds()
         size = high - self._low
         self._low_m = self._low * voxels.voxel_m
         self._size_m = size * voxels.voxel_m
@@ -289,24 +288,3 @@ def round_length_m(least_m: float) -> float:
     """The smallest of 1, 2, 5, 10 ... (and 0.5, 0.2 ...) that is at least ``least_m``."""
     power = 10.0 ** math.floor(math.log10(least_m))
     return power * next(step for step in (1.0, 2.0, 5.0, 10.0) if step * power >= least_m * (1.0 - 1e-9))
-
-
-def _bounds(voxels: PackedVoxels) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Lowest voxel and the one after the highest of what is known; one voxel at the origin of an empty map."""
-    some = voxels.where(np.asarray(voxels.bits[[State.OCCUPIED, State.FREE]].any(axis=(0, 2))))
-    chunks = some.chunks
-    if len(chunks):
-        # Only what is farthest out can be at an edge.
-        outer = (chunks == np.stack([chunks.min(axis=0), chunks.max(axis=0)])[:, None]).any(axis=(0, 2))
-        some = some.where(np.asarray(outer, np.bool_))
-    corners = [
-        corner
-        for state in (State.OCCUPIED, State.FREE)
-        for numbers in some.numbers(state)
-        if len(numbers)
-        for corner in (numbers.min(axis=0), numbers.max(axis=0))
-    ]
-    if not corners:
-        return np.zeros(3, np.int64), np.ones(3, np.int64)
-    together = np.array(corners, np.int64)
-    return together.min(axis=0), together.max(axis=0) + 1

@@ -57,6 +57,26 @@ class PackedVoxels:
         """Only some of the chunks, those of which ``rows`` (n,) is true."""
         return PackedVoxels(self.voxel_m, self.chunks[rows], self.bits[:, rows])
 
+    def bounds(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Lowest voxel and the one after the highest of what is known; one voxel at the origin of an empty map."""
+        some = self.where(np.asarray(self.bits[[State.OCCUPIED, State.FREE]].any(axis=(0, 2))))
+        chunks = some.chunks
+        if len(chunks):
+            # Only what is farthest out can be at an edge.
+            outer = (chunks == np.stack([chunks.min(axis=0), chunks.max(axis=0)])[:, None]).any(axis=(0, 2))
+            some = some.where(np.asarray(outer, np.bool_))
+        corners = [
+            corner
+            for state in (State.OCCUPIED, State.FREE)
+            for numbers in some.numbers(state)
+            if len(numbers)
+            for corner in (numbers.min(axis=0), numbers.max(axis=0))
+        ]
+        if not corners:
+            return np.zeros(3, np.int64), np.ones(3, np.int64)
+        together = np.array(corners, np.int64)
+        return together.min(axis=0), together.max(axis=0) + 1
+
     def numbers(self, state: State, level: int = 0) -> Iterator[NDArray[np.int32]]:
         """The (k, 3) integer coordinates of cubes of 2^level voxels, from 0 to 4, a few hundred chunks at a time.
 
@@ -74,7 +94,8 @@ def cubes(bits: NDArray[np.uint8], level: int, by_half: bool) -> NDArray[np.bool
     """(n, 4096 / 8^level) whether the cubes of 2^level voxels are shown, from ``bits`` (n, 512)."""
     if level == 0:
         return np.unpackbits(bits, axis=1, bitorder="little").view(np.bool_)
-    filled = np.bitwise_count(bits).reshape(len(bits), -1, 8 ** (level - 1)).sum(axis=2, dtype=np.int32)
+    octets = 8 ** (level - 1)
+    filled = np.bitwise_count(bits).reshape(len(bits), _OCTETS // octets, octets).sum(axis=2, dtype=np.int32)
     return np.asarray(filled >= (8**level // 2 if by_half else 1))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from companion.mavlink.ids import MavSeverity
+from sitl.autopilot import explore_script
 from sitl.autopilot.ardupilot_failsafes import LOST_S, NEEDS_NO_POSITION, ArduPilotFailsafes
 from sitl.autopilot.ardupilot_parameters import (
     EXTERNAL,
@@ -30,6 +31,7 @@ _MODES = {
     "LAND": Mode("LAND", 9, Behaviour.LAND, armable=False),
     "POSHOLD": Mode("POSHOLD", 16, Behaviour.HOLD),
     "BRAKE": Mode("BRAKE", 17, Behaviour.HOLD, armable=False),
+    explore_script.EXPLORE.name: explore_script.EXPLORE,
 }
 _READY_S = 2.3
 """From boot until "ArduPilot Ready"."""
@@ -168,6 +170,8 @@ class _ArduPilot(Personality):
         """Nothing but texts."""
 
     def mode_refusal(self, state: State, mode: Mode) -> str | None:
+        if mode is explore_script.EXPLORE:
+            return explore_script.refusal(state)
         if mode.name in NEEDS_NO_POSITION or self.position_valid(state) or not state.armed:
             return None
         return f"Mode change to {mode.name} failed: requires position"

@@ -52,6 +52,7 @@ PARAMETERS: Mapping[str, float] = {
     "RNGFND1_ORIENT": 25,
     "RNGFND1_TYPE": 0,
     "RTL_ALT": 1500,
+    "SCR_ENABLE": 0,
     "VISO_TYPE": 0,
     "WPNAV_ACCEL": 250.0,
     "WPNAV_SPEED": 1000.0,

@@ -16,6 +16,7 @@ from sitl.autopilot.battery import Battery
 from sitl.autopilot.commands import Commands
 from sitl.autopilot.estimator import Estimator
 from sitl.autopilot.events import FIRST_SEQUENCE, event_message
+from sitl.autopilot.explore_script import ExploreScript
 from sitl.autopilot.guidance import motion
 from sitl.autopilot.inbox import Inbox
 from sitl.autopilot.mavlink import Message
@@ -100,7 +101,8 @@ class Autopilot:
         self._telemetry = Telemetry(personality, self.state, self.system_id)
         self._streams = Streams(personality.rates_hz, t_s)
         commands = Commands(personality, self.state, self._streams, self._telemetry)
-        self._inbox = Inbox(personality, self.state, commands, self.system_id)
+        self._script = ExploreScript(self.state, self.system_id)
+        self._inbox = Inbox(personality, self.state, commands, self.system_id, self._script.acknowledged)
         self._sync_next_s = t_s
         self._texts_in_pieces = 0
         self._events = FIRST_SEQUENCE
@@ -170,6 +172,7 @@ class Autopilot:
         was_crashed, was_armed = state.airframe.crashed, state.armed
         self._watch.step(state, STEP_S)
         personality.supervise(state)
+        self._script.step()
         state.motion = motion(personality, state, STEP_S)
         state.airframe.step(STEP_S, state.motion)
         state.estimator.step(state.airframe.pose, STEP_S, by_gps)

@@ -46,13 +46,22 @@ class Inbox:
         state: what the messages change.
         commands: for COMMAND_LONG, COMMAND_INT and SET_MODE.
         system_id: messages to other systems are ignored.
+        acknowledged: is told of every COMMAND_ACK to the autopilot.
     """
 
-    def __init__(self, personality: Personality, state: State, commands: Commands, system_id: int) -> None:
+    def __init__(
+        self,
+        personality: Personality,
+        state: State,
+        commands: Commands,
+        system_id: int,
+        acknowledged: Callable[[Message], None],
+    ) -> None:
         self._personality = personality
         self._state = state
         self._commands = commands
         self._system_id = system_id
+        self._acknowledged = acknowledged
         self._to_list: list[str] = []
         self._syncs: dict[tuple[int, int], _Sync] = {}
         self.reboot = False
@@ -61,6 +70,7 @@ class Inbox:
             "HEARTBEAT": self._heartbeat,
             "COMMAND_LONG": self._command,
             "COMMAND_INT": self._command,
+            "COMMAND_ACK": self._command_ack,
             "SET_MODE": self._set_mode,
             "PARAM_REQUEST_LIST": self._param_list,
             "PARAM_REQUEST_READ": self._param_read,
@@ -114,6 +124,10 @@ class Inbox:
             real = self._acknowledge(message, message.command, answer.result)
             self._state.later.append((self._state.t_s + _RESULT_LATER_S, real))
         return [self._acknowledge(message, message.command, result), *answer.messages]
+
+    def _command_ack(self, message: Message) -> list[Message]:
+        self._acknowledged(message)
+        return []
 
     def _heartbeat(self, message: Message) -> list[Message]:
         if message.type == m.MAV_TYPE_GCS:

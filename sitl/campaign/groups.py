@@ -41,8 +41,8 @@ class Group:
 
     @property
     def contacts(self) -> int:
-        """In how many something was touched."""
-        return sum((number(row, "contacts") or 0.0) > 0.0 for row in self.rows)
+        """In how many something was touched, be it another vehicle."""
+        return sum(any((number(row, name) or 0.0) > 0.0 for name in ("contacts", "collisions")) for row in self.rows)
 
     @property
     def homeward(self) -> list[Row]:

@@ -45,6 +45,10 @@ def _contact(row: Row) -> float | None:
     return number(row, "contacts") or None
 
 
+def _collision(row: Row) -> float | None:
+    return number(row, "collisions") or None
+
+
 def _incomplete(row: Row) -> float | None:
     return None if number(row, "completed_at_s") is not None else _negative(row, "completeness")
 
@@ -56,6 +60,7 @@ def _negative(row: Row, name: str) -> float | None:
 
 _RESPECTS = (
     _Respect(_contact, lambda row: f"contact, least distance {row['least_d_m']} m"),
+    _Respect(_collision, lambda row: f"collision, {row['least_distance_between_vehicles_m']} m from middle to middle"),
     _Respect(_failed, lambda row: str(row.get("error", "failed"))),
     _Respect(_incomplete, lambda row: f"{row['ended_because']}, completeness {row['completeness']}"),
     _Respect(lambda row: _negative(row, "least_d_m"), lambda row: f"least distance {row['least_d_m']} m"),

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import signal
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
 from companion.errors import CompanionError, InputError
 from sitl.cli.mesh_options import DEFAULT_CLOUD_VOXEL_M, CloudVoxel, Scale, UpAxis
-from sitl.launch.processes import Crew, FlightPlan, run_to_its_end
+from sitl.launch.fleet import seats
+from sitl.launch.processes import Crew, FlightPlan, free_udp_ports, run_all_to_their_ends, run_to_its_end
 from sitl.launch.real import find
 from sitl.mines.placing import Reading
 
@@ -41,9 +44,12 @@ def fly(
     link: Annotated[
         str | None,
         typer.Option(
-            "--link", metavar="ENDPOINT", help="Let the ground watch and command here, such as tcp/127.0.0.1:7447."
+            "--link",
+            metavar="ENDPOINT",
+            help="Let the ground watch and command here, such as tcp/127.0.0.1:7447; several take ports from it on.",
         ),
     ] = None,
+    vehicles: Annotated[int, typer.Option(min=1, metavar="N", help="How many fly in the mine.")] = 1,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="New folder; else one under runs/.")] = None,
 ) -> None:
     """Fly the application over MAVLink in real time: autopilot, world, gate and application as processes of their own.
@@ -56,22 +62,28 @@ def fly(
 
     if real and boot_s is not None:
         raise InputError(f"--boot-s {boot_s:g}: --real boots in its own time")
+    if real and vehicles > 1:
+        raise InputError(f"--vehicles {vehicles}: --real flies one; several real ones need a network each")
     gps = "nogps" if no_gps else "gps"
     with new_folder(default_folder(f"{personality}-{gps}") if out is None else out) as folder:
         pass
     target = folder.target
+    reading = Reading(scale, up, cloud_voxel)
     plan = FlightPlan(
         folder=target,
         personality=personality,
         gps=not no_gps,
         world=world,
-        mesh=Reading(scale, up, cloud_voxel).options(),
+        mesh=reading.options(),
         seed=seed,
         time_limit_s=time_limit,
         autopilot=() if boot_s is None else ("--boot-s", f"{boot_s:g}"),
         real=find(personality) if real else None,
         settings=None if link is None else {"link": {"enabled": True, "listen": [link]}},
     )
+    if vehicles > 1:
+        _fly_several(plan, reading, vehicles, link)
+        return
     typer.echo("starting the autopilot and the world (the first time on a computer takes about a minute)")
     with Crew(plan) as crew:
         for line in crew.about_the_mine():
@@ -93,6 +105,57 @@ def fly(
         raise typer.Exit(code)
     if score["contacts"]:
         raise FlightFailedError("the vehicle touched a wall")
+
+
+def _link_of(endpoint: str, number: int) -> dict[str, dict[str, Any]]:
+    """The settings of one of several vehicles: it is ``vehicle-K``, and listens K - 1 ports above that one.
+
+    Raises:
+        InputError: there is no port in it.
+    """
+    place, _, port = endpoint.rpartition(":")
+    if not port.isdecimal():
+        raise InputError(f"--link {endpoint}: it ends in no port, such as tcp/127.0.0.1:7447")
+    here = f"{place}:{int(port) + number - 1}"
+    return {"link": {"enabled": True, "name": f"vehicle-{number}", "listen": [here]}}
+
+
+def _fly_several(plan: FlightPlan, reading: Reading, vehicles: int, link: str | None) -> None:
+    """Fly several vehicles at once, each with its processes and a folder ``vehicle-K``."""
+    ports, world_ports = free_udp_ports(vehicles), free_udp_ports(vehicles)
+    typer.echo(f"starting {vehicles} autopilots and worlds (the first time on a computer takes about a minute)")
+    crews = []
+    for seat in seats(plan.world, reading, plan.seed, plan.preset, ports, world_ports):
+        folder = plan.folder / f"vehicle-{seat.number}"
+        folder.mkdir()
+        settings = None if link is None else _link_of(link, seat.number)
+        crews.append(Crew(replace(plan, folder=folder, seat=seat, settings=settings)))
+    with ExitStack() as stack:
+        for crew in crews:
+            stack.enter_context(crew)
+        logs = [crew.plan.folder / "application.log" for crew in crews]
+        typer.echo(f"they fly; what each says is in {plan.folder}/vehicle-*/application.log")
+        codes = run_all_to_their_ends([crew.application("--fix") for crew in crews], logs)
+        for crew in crews:
+            crew.check()
+    touched = collided = 0
+    for crew, code in zip(crews, codes, strict=True):
+        score = crew.score()
+        touched += score["contacts"]
+        collided += score["collisions"]
+        typer.echo(
+            f"{crew.plan.folder.name}: exit code {code}; truth: {score['path_length_m']:.0f} m flown, "
+            f"least distance to a wall {_metres(score['least_d_m'])}, {score['contacts']} contacts, to another vehicle "
+            f"{_metres(score['least_distance_between_vehicles_m'])}, {score['collisions']} collisions"
+        )
+    typer.echo(f"everything is in {plan.folder}")
+    if collided or touched:
+        raise FlightFailedError("vehicles collided" if collided else "a vehicle touched a wall")
+    worst = next((code for code in codes if code), 0)
+    if worst < 0:
+        raise FlightFailedError(f"a gate was ended by signal {-worst} ({signal.strsignal(-worst)})")
+    if worst:
+        raise typer.Exit(worst)
 
 
 def _metres(value: float | None) -> str:

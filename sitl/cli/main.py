@@ -6,6 +6,7 @@ import typer
 
 from sitl.cli.autopilot import autopilot
 from sitl.cli.fly import fly
+from sitl.cli.ground import ground
 from sitl.cli.world import world
 
 app = typer.Typer(
@@ -16,3 +17,4 @@ app = typer.Typer(
 app.command()(autopilot)
 app.command()(world)
 app.command()(fly)
+app.command()(ground)

@@ -170,6 +170,13 @@ def _say_result(console: Console, simulation: Simulation, summary: dict[str, obj
         f"{graph['exits']} exits not taken, {graph['exits_unvisited']} of them never come to",
         f"look at: {folder / 'report.html'}",
     ]
+    if len(simulation.flights) > 1:
+        met = simulation.encounters
+        lines.insert(
+            -1,
+            f"least distance between vehicles: {_metres(summary['least_distance_between_vehicles_m'])}, "
+            f"nearer than they are to be for {met.too_near_s:.1f} s, collisions: {met.collisions}",
+        )
     lines[-1:-1] = [_home(home, flight.log.vehicle_id) for home, flight in zip(homes, simulation.flights, strict=False)]
     left = to_explore(simulation.left_out)
     if left and simulation.ended_because not in ENDED_WELL:

@@ -19,6 +19,7 @@ from sitl.cli.mesh_options import DEFAULT_CLOUD_VOXEL_M, CloudVoxel, Scale, UpAx
 from sitl.mines.placing import Reading
 from sitl.world.connection import PeerUrl
 from sitl.world.mavlink_out import Feed, LocalFrame
+from sitl.world.neighbours import Neighbourhood
 from sitl.world.odometry import Align, OdometrySettings
 from sitl.world.placement import Scene
 from sitl.world.server import CONTACT, INTERRUPTED, Plan, WorldServer
@@ -121,6 +122,16 @@ def world(
         int | None,
         typer.Option(min=1, max=65535, metavar="PORT", help=f"UDP on loopback: {KNOWN}."),
     ] = None,
+    neighbours_port: Annotated[
+        int | None,
+        typer.Option(
+            min=1, max=65535, metavar="PORT", help="UDP on loopback: where the worlds of other vehicles are heard."
+        ),
+    ] = None,
+    neighbour: Annotated[
+        list[int] | None,
+        typer.Option(metavar="PORT", help="That of another vehicle's world; may be repeated. They see each other."),
+    ] = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="A line every 10 s.")] = False,
 ) -> None:
     """Show a simulated vehicle a mine: depth and ranges where it truly is, and odometry for its autopilot.
@@ -157,6 +168,7 @@ def world(
         score=score,
         trajectory=trajectory,
         control_port=control,
+        neighbourhood=_neighbourhood(system_id, neighbours_port, neighbour or []),
         verbose=verbose,
     )
     if plan.feed is not Feed.NONE and plan.truth_from is TruthKind.LOCAL:
@@ -189,3 +201,14 @@ def world(
         raise ContactError("the vehicle touched the mine")
     if server.ended_because == INTERRUPTED:
         raise typer.Exit(EXIT_INTERRUPTED)
+
+
+def _neighbourhood(number: int, port: int | None, others: list[int]) -> Neighbourhood | None:
+    if port is None and not others:
+        return None
+    if port is None:
+        raise InputError(f"--neighbour {others[0]}: needs --neighbours-port, where the others are heard")
+    for other in others:
+        if not 0 < other < 65536 or other == port:
+            raise InputError(f"--neighbour {other}: must be the --neighbours-port of another world, from 1 to 65535")
+    return Neighbourhood(number, port, tuple(others))

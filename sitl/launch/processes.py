@@ -17,6 +17,7 @@ from typing import Any
 from companion.config.load import load, merge
 from companion.config.settings import Settings
 from companion.interruption import handled
+from sitl.launch.fleet import Seat
 from sitl.launch.program import Ports, Program, Running, tied
 from sitl.launch.real import RealAutopilot
 
@@ -49,6 +50,7 @@ class FlightPlan:
         world_options: more options for `companion sitl world`.
         real: the autopilot that flies in the place of the stub.
         parameters: of the real one, set before it boots.
+        seat: which of several vehicles this is; None: it flies alone.
     """
 
     folder: Path
@@ -64,6 +66,7 @@ class FlightPlan:
     world_options: Sequence[str] = ()
     real: RealAutopilot | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
+    seat: Seat | None = None
 
 
 class Crew:
@@ -121,17 +124,22 @@ class Crew:
 
     def application(self, *options: str) -> list[str]:
         """The command that flies: it becomes the gate, and the application is its child."""
-        return [*command("run"), "--config", str(self.config), "--seed", str(self.plan.seed), *options]
+        # Vehicles that drew the same would choose the same.
+        seed = self.plan.seed + (0 if self.plan.seat is None else self.plan.seat.number - 1)
+        return [*command("run"), "--config", str(self.config), "--seed", str(seed), *options]
 
     def write_settings(self) -> Settings:
         """Write the application's settings file, as is done when the flight begins; what is in force with it."""
         plan = self.plan
-        own = {
+        own: dict[str, dict[str, Any]] = {
             "autopilot": {"url": f"udpin://127.0.0.1:{self.ports.application}", "gps": plan.gps},
             "sensors": {"stream": {"url": self._stream_url}},
             "mission": {"start": "now", "time_limit_s": plan.time_limit_s},
             "record": {"folder": str(plan.folder), "largest_mb": 500.0},
         }
+        if plan.seat is not None:
+            own["autopilot"]["system_id"] = plan.seat.number
+            own["fleet"] = plan.seat.settings()
         return write_settings(self.config, plan.preset, own, plan.settings or {})
 
     def _autopilot(self, settings: Settings) -> Program:
@@ -145,6 +153,7 @@ class Crew:
             *("--control", str(self.control_port)),
             *(part for address in to for part in ("--to", address)),
             *([] if plan.gps else ["--no-gps"]),
+            *(() if plan.seat is None else (*plan.seat.start_options(), "--system-id", str(plan.seat.number))),
             *plan.autopilot,
         )
         return Program("autopilot", (*command("sitl", "autopilot"), *options), AUTOPILOT_SERVES)
@@ -157,6 +166,7 @@ class Crew:
             *("--control", str(self.world_port)),
             *("--score", str(self.score_file), "--trajectory", str(plan.folder / "truth.csv")),
             *(() if plan.gps else odometry_options(plan.personality)),
+            *(() if plan.seat is None else plan.seat.world_options()),
             *plan.world_options,
         )
         return Program("world", (*command("sitl", "world"), *options), WORLD_SERVES)
@@ -227,6 +237,32 @@ def run_to_its_end(command: Sequence[str]) -> int:
         handled((signal.SIGTERM, signal.SIGHUP), lambda *_: child.send_signal(signal.SIGINT)),
     ):
         return child.wait()
+
+
+def run_all_to_their_ends(commands: Sequence[Sequence[str]], logs: Sequence[Path]) -> list[int]:
+    """As `run_to_its_end` for several applications at once, each with a log of its own."""
+    with contextlib.ExitStack() as stack:
+        children = [
+            stack.enter_context(
+                subprocess.Popen(  # noqa: S603 - our own command
+                    command,
+                    env=environment(),
+                    stdout=stack.enter_context(log.open("wb")),
+                    stderr=subprocess.STDOUT,
+                    preexec_fn=tied(),
+                )
+            )
+            for command, log in zip(commands, logs, strict=True)
+        ]
+
+        def stop(*_: object) -> None:
+            for child in children:
+                if child.poll() is None:
+                    child.send_signal(signal.SIGINT)
+
+        stack.enter_context(handled((signal.SIGINT,), lambda *_: None))
+        stack.enter_context(handled((signal.SIGTERM, signal.SIGHUP), stop))
+        return [child.wait() for child in children]
 
 
 def environment() -> dict[str, str]:

@@ -100,7 +100,10 @@ def verdict(data: ReportData) -> tuple[State, str]:
         touched = "no wall was touched"
     else:
         touched = f"walls were touched {'once' if contacts == 1 else f'{contacts:.0f} times'}"
-    states = (_completeness_state(completeness), _contact_state(contacts))
+    collisions = number(data.summary, "collisions")
+    if collisions:
+        touched += ", but vehicles collided"
+    states = (_completeness_state(completeness), _contact_state(contacts), _contact_state(collisions or 0.0))
     worst = next((state for state in (State.BAD, State.LOOK) if state in states), State.GOOD)
     return worst, f"{mapped}, and {touched}."
 

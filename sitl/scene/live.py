@@ -9,6 +9,7 @@ from companion.model import Camera, Pose
 from sitl.mines.model import World
 from sitl.scene import dust
 from sitl.scene.echoes import Echoes
+from sitl.scene.fellows import Body, Fellows
 from sitl.scene.moving import Moving
 from sitl.scene.raycast import RayCaster
 from sitl.scene.visibility import horizontal_clearance
@@ -23,25 +24,36 @@ class LiveWorld:
         world: the world.
         caster: rays in its rock.
         camera: that of the vehicles.
+        body: of each of several vehicles, which see each other; None: one flies alone.
     """
 
-    def __init__(self, world: World, caster: RayCaster, camera: Camera) -> None:
+    def __init__(self, world: World, caster: RayCaster, camera: Camera, body: Body | None = None) -> None:
         self._conditions = world.conditions
         self._caster = caster
         self._camera = camera
         self._movers = [Moving(mover, camera) for mover in self._conditions.movers]
         surfaces = self._conditions.surfaces
         self._echoes = None if surfaces is None else Echoes(world, surfaces, caster, camera)
+        self._fellows = None if body is None else Fellows(body, camera)
         self._is_dark = False
 
     def restart(self) -> None:
         """Everything is as it was before a vehicle came."""
         for mover in self._movers:
             mover.restart()
+        if self._fellows is not None:
+            self._fellows.restart()
         self._is_dark = False
 
-    def look(self, pose: Pose) -> None:
-        """A vehicle truly is there now: what waits for it begins. Called once a tick, in order of time."""
+    def look(self, pose: Pose, number: int = 1) -> None:
+        """A vehicle truly is there now: what waits for it begins. Called once a tick, in order of time.
+
+        Args:
+            pose: of it.
+            number: which of several.
+        """
+        if self._fellows is not None:
+            self._fellows.look(number, pose)
         for mover in self._movers:
             mover.look(pose)
         fails = self._conditions.light_fails
@@ -51,12 +63,23 @@ class LiveWorld:
         """Whether something comes nearer by itself."""
         return any(mover.is_moving(t_s) for mover in self._movers)
 
-    def image(self, pose: Pose, depth_m: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
-        """The depth image (height, width) from a true pose, where the rock alone would give ``depth_m``."""
+    def image(
+        self, pose: Pose, depth_m: NDArray[np.float32], rng: np.random.Generator, number: int = 1
+    ) -> NDArray[np.float32]:
+        """The depth image (height, width) from a true pose, where the rock alone would give ``depth_m``.
+
+        Args:
+            pose: of the vehicle.
+            depth_m: what its camera would see of the rock.
+            rng: for what comes and goes.
+            number: which of several it is: it does not see itself.
+        """
         if self._echoes is not None:
             depth_m = self._echoes.image(pose, depth_m, rng)
         for mover in self._movers:
             depth_m = np.fmin(depth_m, mover.image(pose))
+        if self._fellows is not None:
+            depth_m = self._fellows.image(number, pose, depth_m)
         for stretch in self._conditions.dust:
             if stretch.where.holds(pose) and dust.is_puffing(pose.t_s):
                 dust.in_image(stretch, self._camera, depth_m, rng)
@@ -65,13 +88,30 @@ class LiveWorld:
         return depth_m
 
     def ranges(
-        self, pose: Pose, origins_m: Array, directions: Array, ranges_m: Array, rng: np.random.Generator
+        self,
+        pose: Pose,
+        origins_m: Array,
+        directions: Array,
+        ranges_m: Array,
+        rng: np.random.Generator,
+        number: int = 1,
     ) -> Array:
-        """Ranges (n,) of beams from a true pose, where the rock alone would give ``ranges_m``; NaN: no echo."""
+        """Ranges (n,) of beams from a true pose, where the rock alone would give ``ranges_m``; NaN: no echo.
+
+        Args:
+            pose: of the vehicle.
+            origins_m: (n, 3) where the beams begin.
+            directions: (n, 3) where they look.
+            ranges_m: (n,) what they would say of the rock.
+            rng: for what comes and goes.
+            number: as for `image`.
+        """
         if self._echoes is not None:
             ranges_m = self._echoes.ranges(origins_m, directions, ranges_m, rng)
         for mover in self._movers:
             ranges_m = np.fmin(ranges_m, mover.cast(pose.t_s, origins_m, directions))
+        if self._fellows is not None:
+            ranges_m = self._fellows.ranges(number, pose, origins_m, directions, ranges_m)
         for stretch in self._conditions.dust:
             if stretch.where.holds(pose) and dust.is_puffing(pose.t_s):
                 ranges_m = dust.in_ranges(stretch, ranges_m, rng)

@@ -74,6 +74,7 @@ class SensorRig:
         renderer: the mine for depth images.
         rng: for noise, dropouts and losses.
         live: what there is in the mine besides rock; None: nothing.
+        number: which of several vehicles carries them.
     """
 
     def __init__(
@@ -84,7 +85,9 @@ class SensorRig:
         renderer: DepthRenderer,
         rng: np.random.Generator,
         live: LiveWorld | None = None,
+        number: int = 1,
     ) -> None:
+        self._number = number
         self._settings = settings
         self._noise = noise
         self._caster = caster
@@ -127,7 +130,7 @@ class SensorRig:
             return
         depth = self._renderer.render(true)
         if self._live is not None:
-            depth = self._live.image(true, depth, self._rng)
+            depth = self._live.image(true, depth, self._rng, self._number)
         if noise.enabled:
             spread = self._rng.standard_normal(depth.shape, np.float32)
             # Drawn with replacement: this many draws leave the configured share undrawn.
@@ -159,7 +162,7 @@ class SensorRig:
         origins = np.broadcast_to(np.array([true.x_m, true.y_m, true.z_m]), directions.shape)
         ranges = np.asarray(self._caster.cast(origins, directions), np.float64)
         if self._live is not None:
-            ranges = self._live.ranges(true, origins, directions, ranges, self._rng)
+            ranges = self._live.ranges(true, origins, directions, ranges, self._rng, self._number)
         if noise.enabled:
             ranges = ranges + noise.range_noise_m * self._rng.standard_normal(ranges.size)
             ranges[self._rng.random(ranges.size) < noise.range_dropout_share] = np.nan

@@ -82,10 +82,10 @@ class ComingHome:
             self._land()
         return bool(self.ended_because)
 
-    def stop(self) -> None:
-        """The user wants the end."""
+    def stop(self, why: str) -> None:
+        """All ways home end here."""
         if not self.ended_because:
-            self.ended_because = "stopped by the user"
+            self.ended_because = why
             self._land()
 
     def _land(self) -> None:

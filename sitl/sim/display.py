@@ -16,12 +16,13 @@ from sitl.sim.simulation import COMPLETE_SHARE, Progress
 PLAIN_PERIOD_S = 10.0
 """Without a terminal one line is printed this often."""
 
-_MEANING = {
+MODE_MEANS = {
     Mode.CIRCLE: "R1 initial circle",
     Mode.TANGENT: "R2 along a tangent",
     Mode.BOUNDARY: "R3 along the wall",
     Mode.HOLD: "hold, something is missing",
 }
+"""What the vehicle is at, for people."""
 
 
 class Display:
@@ -71,7 +72,7 @@ def _table(progress: Progress, pace: float) -> Table:
         measurement = flight.measurement
         rows.add_row(
             str(flight.log.vehicle_id),
-            _MEANING[flight.navigator.status.mode],
+            MODE_MEANS[flight.navigator.status.mode],
             _metres(None if measurement is None else measurement.d_m),
             _metres(None if measurement is None else measurement.h_m),
             f"{flight.vehicle.forward_mps:.2f} m/s",
@@ -86,7 +87,7 @@ def _line(progress: Progress, pace: float) -> str:
     measurement = first.measurement
     return (
         f"{clock(progress.t_s)} simulated, {pace:.0f} times real time: map {progress.completeness:.1%}, "
-        f"{_MEANING[first.navigator.status.mode]}, d {_metres(None if measurement is None else measurement.d_m)}, "
+        f"{MODE_MEANS[first.navigator.status.mode]}, d {_metres(None if measurement is None else measurement.d_m)}, "
         f"h {_metres(None if measurement is None else measurement.h_m)}"
     )
 

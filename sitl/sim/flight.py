@@ -7,12 +7,13 @@ import math
 import numpy as np
 
 from companion.config.settings import Settings
-from companion.control.fleet import Fleet, Report
+from companion.control.fleet import Report
 from companion.control.homing.homing import WayHome
 from companion.control.homing.reserve import Reserve
+from companion.control.sharing import Frame, Sharing
 from companion.mapping import VoxelMap
 from companion.model import Measurement, Pose
-from companion.pipeline import Explorer, Order
+from companion.pipeline import Explorer, Order, fleet_of
 from sitl.mines import World
 from sitl.scene.live import LiveWorld
 from sitl.scene.raycast import RayCaster
@@ -70,12 +71,8 @@ class Flight:
         self.log = FlightLog(vehicle_id)
         self.battery = Battery(settings.sim.battery)
         self.reserve = Reserve(settings.turning_percent)
-        self.fleet = Fleet(
-            vehicle_id,
-            group_range_m=settings.fleet.group_range_m,
-            tunnel_height_m=settings.fleet.tunnel_height_m,
-            stale_after_s=settings.fleet.stale_after_s,
-        )
+        self.fleet, self._separation = fleet_of(settings, vehicle_id)
+        self.sharing = Sharing(vehicle_id, Frame(), self.navigator.known_ground, self.navigator.choice)
         self.measurement: Measurement | None = None
         self.estimated = start
         """Where it takes itself to be."""
@@ -91,9 +88,9 @@ class Flight:
             DepthRenderer(world, camera),
             np.random.default_rng(to_sensors),
             self._live,
+            vehicle_id,
         )
         self._body_radius_m = settings.vehicle.body_radius_m
-        self._alone_m = settings.control.height_m
         self._free_until_path_m = 0.0
         self._next_reckoning_s = -math.inf
 
@@ -105,12 +102,17 @@ class Flight:
             fleet: whether other vehicles are about, so that (11) applies.
         """
         true = self.vehicle.pose
-        self._live.look(true)
+        self._live.look(true, self.log.vehicle_id)
         observation = self._rig.observe(true)
-        if fleet:
-            self.navigator.height_m = self.fleet.height_m(true.t_s, self._alone_m)
-        steering = self._explorer.step(observation, self.order)
+        clearance = self._separation.clearance(true.t_s) if fleet else None
+        order = self.order
+        if clearance is not None:
+            self.navigator.height_m = clearance.height_m
+            order = Order.WAIT if clearance.holds else order
+        steering = self._explorer.step(observation, order, self._separation.beneath() if fleet else ())
         measurement, setpoint = steering.measurement, steering.setpoint
+        if clearance is not None:
+            setpoint = clearance.limited(setpoint, observation.pose.yaw_rad)
         if observation.frame is not None:
             self.map.integrate(observation.frame)
         self.log.append(
@@ -149,8 +151,9 @@ class Flight:
 
     def report(self) -> Report:
         """Where the vehicle tells the others that it is."""
-        pose = self.vehicle.pose
-        return Report(pose.t_s, pose.x_m, pose.y_m, pose.z_m)
+        pose, measured = self.estimated, self.measurement
+        at_m = (pose.x_m, pose.y_m, pose.z_m)
+        return self._separation.report(pose.t_s, at_m, None if measured is None else measured.h_m)
 
     def _check_contact(self) -> None:
         # A body that was D clear cannot touch before it has flown D: most ticks need no query.

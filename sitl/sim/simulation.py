@@ -17,13 +17,16 @@ from companion.control.graph import Counts
 from companion.control.left_out import LeftOut
 from companion.control.navigator import Status
 from companion.mapping import VoxelMap
+from companion.pipeline import spacing
 from companion.safety_case.passages import passages
 from sitl.mines import World
+from sitl.scene.fellows import Body
 from sitl.scene.live import LiveWorld
 from sitl.scene.raycast import RayCaster
 from sitl.scene.visibility import Say, Truth, accuracy_m, precision, silent
 from sitl.sim.coming_home import ComingHome
 from sitl.sim.earlier import Earlier
+from sitl.sim.encounters import Encounters
 from sitl.sim.flight import Flight
 from sitl.sim.judgement import Judgement, merged_map
 from sitl.sim.start import check_room, remarks_on_start, start_poses
@@ -39,6 +42,9 @@ CAN_COME_HOME = (*ENDED_WELL, "time limit", "battery needed for the way home")
 
 CHECK_PERIOD_S = 5.0
 """Simulated time between two looks at the completeness."""
+
+SHARING_PERIOD_S = 2.0
+"""Simulated time between two messages in which vehicles tell each other of the ground."""
 
 SURFACE_STEP_M = 0.25
 """Grid of the traveling surface: drifts that are 0.4 m wider than twice d_s are still found passable on it."""
@@ -117,7 +123,10 @@ class Simulation:
             elevations_rad=settings.sensors.camera.elevations_rad(),
             say=say,
         )
-        self._live = LiveWorld(world, self.caster, settings.sensors.camera.model())
+        self._body = Body(settings.vehicle.body_radius_m, settings.vehicle.body_height_m)
+        self._live = LiveWorld(
+            world, self.caster, settings.sensors.camera.model(), self._body if vehicles > 1 else None
+        )
         self.flights = tuple(
             Flight(number, world, self.caster, settings, start, flight_seed, self._live, earlier)
             for number, (start, flight_seed) in enumerate(zip(starts, to_flights, strict=True), start=1)
@@ -128,7 +137,8 @@ class Simulation:
         self.wall_time_s = 0.0
         self.completeness = 0.0
         self.progress: list[tuple[float, float]] = []
-        self.least_apart_m = math.inf
+        self.encounters = Encounters(self._body, spacing(settings))
+        """What came of vehicles that met."""
         self.judgement = Judgement(self.flights, settings)
         self.completeness_when_done: float | None = None
         self.estimated_completeness: float | None = None
@@ -141,6 +151,7 @@ class Simulation:
         self._explored: Explored | None = None
         self._found = np.zeros(len(self.truth.samples_m), np.bool_)
         self._next_check_s = 0.0
+        self._next_sharing_s = 0.0
 
     def run(
         self,
@@ -171,6 +182,8 @@ class Simulation:
             self._tick(dt_s)
             if any(flight.touched for flight in self.flights):
                 self.ended_because = "contact"
+            elif self.encounters.collisions:
+                self.ended_because = "collision"
             elif any(flight.blind_s > self.settings.mission.input_timeout_s for flight in self.flights):
                 # As in a real flight: over a hole without ground it would hover until something pushes it.
                 self.ended_because = "inputs lost"
@@ -205,9 +218,10 @@ class Simulation:
             if show is not None and self.t_s >= next_show_s:
                 next_show_s = self.t_s + CHECK_PERIOD_S
                 show(Progress(self.t_s, self.completeness, self.flights))
-            if stop():
+            why = "stopped by the user" if stop() else "collision" if self.encounters.collisions else ""
+            if why:
                 for way in ways:
-                    way.stop()
+                    way.stop(why)
                 break
             self._tick(self.settings.control.period_s)
 
@@ -278,7 +292,9 @@ class Simulation:
             "least_clearance_m": _rounded(min(map(self._least_clearance_m, self.flights), default=math.inf), 3),
             "time_below_d_s_fraction": _rounded(_mean(true_d < margin_m), 5),
             "time_below_d_s_minus_15cm_fraction": _rounded(_mean(true_d < margin_m - 0.15), 5),
-            "least_distance_between_vehicles_m": _rounded(self.least_apart_m, 3),
+            "least_distance_between_vehicles_m": _rounded(self.encounters.least_apart_m, 3),
+            "vehicles_too_near_s": round(self.encounters.too_near_s, 2),
+            "collisions": self.encounters.collisions,
             "mode_changes": sum(state.mode_changes for state in states),
             "draws": sum(state.draws for state in states),
             "draws_accepted": sum(state.accepted for state in states),
@@ -307,21 +323,34 @@ class Simulation:
     def _tick(self, dt_s: float) -> None:
         several = len(self.flights) > 1
         if several:
-            self._exchange()
+            self._exchange(dt_s)
         for flight in self.flights:
             flight.tick(dt_s, fleet=several)
         self.t_s = self.flights[0].vehicle.pose.t_s
 
-    def _exchange(self) -> None:
-        """Every vehicle gets the reports of all others, and the distances between them are watched."""
+    def _exchange(self, dt_s: float) -> None:
+        """Every vehicle gets the reports of all others, and how near they truly are is watched."""
         reports = [(flight.log.vehicle_id, flight.report()) for flight in self.flights]
         for flight in self.flights:
             for number, report in reports:
                 flight.fleet.on_report(number, report)
-        for i, (_, a) in enumerate(reports):
-            for _, b in reports[i + 1 :]:
-                apart_m = math.dist((a.x_m, a.y_m, a.z_m), (b.x_m, b.y_m, b.z_m))
-                self.least_apart_m = min(self.least_apart_m, apart_m)
+        if self.t_s >= self._next_sharing_s:
+            self._next_sharing_s = self.t_s + SHARING_PERIOD_S - 1e-6
+            self._share()
+        self.encounters.look([flight.vehicle.pose for flight in self.flights], dt_s)
+
+    def _share(self) -> None:
+        """Every vehicle hears what the others know of the ground, and where they are going."""
+        for flight in self.flights:
+            news, claim = flight.sharing.news(), flight.sharing.claim(flight.estimated)
+            for other in self.flights:
+                if other is flight:
+                    continue
+                if news is not None:
+                    other.sharing.learn(news)
+                other.sharing.on_claim(flight.log.vehicle_id, claim, self.t_s)
+        for flight in self.flights:
+            flight.sharing.look(self.t_s)
 
     def _check(self) -> None:
         """Look at the completeness: only at what had not been found, until that says it is complete."""

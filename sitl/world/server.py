@@ -9,6 +9,7 @@ import math
 import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,9 @@ from companion.clock import Clock
 from companion.config.settings import Settings
 from companion.flight.tasks import first_of
 from companion.model import Observation, Pose
+from companion.pipeline import spacing
 from companion.sensors.drivers.stream_server import StreamServer
+from sitl.scene.fellows import Body
 from sitl.scene.live import LiveWorld
 from sitl.scene.render import DepthRenderer
 from sitl.scene.sensors import SensorRig
@@ -27,6 +30,7 @@ from sitl.world.connection import Connection, PeerUrl
 from sitl.world.contact_monitor import ContactMonitor, Look, Trajectory, write_score
 from sitl.world.handshake import Handshake, send_heartbeat, told_an_origin, wanted_ids
 from sitl.world.mavlink_out import Feed, LocalFrame, Outgoing, bins_of_beams, bins_of_planar
+from sitl.world.neighbours import Neighbourhood, Neighbours
 from sitl.world.odometry import Odometry, OdometrySettings
 from sitl.world.placement import Placer, Scene
 from sitl.world.trouble import commanded
@@ -63,6 +67,7 @@ class Plan:
     score: Path | None = None
     trajectory: Path | None = None
     control_port: int | None = None
+    neighbourhood: Neighbourhood | None = None
     verbose: bool = False
 
 
@@ -87,7 +92,10 @@ class WorldServer:
         to_sensors, to_odometry = np.random.SeedSequence((seed, plan.system_id)).spawn(2)
         self.ended_because = ""
         camera = settings.sensors.camera.model()
-        live = LiveWorld(scene.world, scene.caster, camera)
+        body = Body(settings.vehicle.body_radius_m, settings.vehicle.body_height_m)
+        live = LiveWorld(scene.world, scene.caster, camera, None if plan.neighbourhood is None else body)
+        self._number = 1 if plan.neighbourhood is None else plan.neighbourhood.number
+        self._neighbours = Neighbours(self._number, body, spacing(settings), live)
         self.contacts = ContactMonitor(scene, settings, live)
         self._live = live
         self._scene, self._settings, self._seed, self._plan = scene, settings, seed, plan
@@ -95,7 +103,10 @@ class WorldServer:
         self._camera = camera
         renderer = DepthRenderer(scene.world, camera)
         rigs = [
-            SensorRig(settings.sensors, settings.sim.noise, scene.caster, renderer, np.random.default_rng(draws), live)
+            SensorRig(
+                *(settings.sensors, settings.sim.noise, scene.caster, renderer, np.random.default_rng(draws), live),
+                self._number,
+            )
             for draws in (to_sensors, to_sensors)
         ]
         # Compiles what is compiled at first use: that takes seconds, and later it would be the first frames.
@@ -135,6 +146,7 @@ class WorldServer:
             with self._trajectory, signals_call(self.stop):
                 async with (
                     commanded(self._plan.control_port, self._odometry.begin),
+                    self._among_others(),
                     StreamServer(self._plan.stream_url, self._camera, self._clock) as server,
                 ):
                     self._say(self._introduction(server))
@@ -155,6 +167,10 @@ class WorldServer:
             renderer.shutdown(wait=True)
             self._keep_score()
 
+    def _among_others(self) -> AbstractAsyncContextManager[None]:
+        neighbourhood = self._plan.neighbourhood
+        return contextlib.nullcontext() if neighbourhood is None else self._neighbours.heard(neighbourhood)
+
     def stop(self, because: str) -> None:
         """Ends `run` in good order; the first reason counts."""
         self.ended_because = self.ended_because or because
@@ -172,6 +188,7 @@ class WorldServer:
             "truth_from": str(self._reader.kind),
             "start": [round(value, 4) for value in (stand.x_m, stand.y_m, stand.z_m, stand.yaw_rad)],
             **self.contacts.figures(),
+            **({} if self._plan.neighbourhood is None else self._neighbours.figures()),
             "simulator_restarts": self._placer.restarts,
             "truth_messages": self._truths,
             "truth_refused": self._reader.refused,
@@ -200,6 +217,7 @@ class WorldServer:
         if self._placer.restarts != restarts:
             self._odometry.restart()
             self._handshake.restart(received_s)
+        self._neighbours.moved(pose)
         self._newest = (pose, self._placer.restarts)
         self._fresh.set()
         if self._plan.feed is not Feed.NONE and self._odometry.observe(pose, self._placer.heading_offset_rad()):
@@ -242,7 +260,7 @@ class WorldServer:
             self._restarts_seen = restarts
             self.contacts.restart()
             self._live.restart()
-        self._live.look(pose)
+        self._live.look(pose, self._number)
         return self._rig.observe(pose), self.contacts.look(pose)
 
     def _publish(self, observation: Observation, server: StreamServer) -> None:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.control.fleet import Fleet, Report, connected, layer_height_m
+from companion.control.fleet import MOST_VEHICLES, PARTS, Fleet, Report, connected, layer_height_m, near_pairs
 
 D_R, D_M, STALE_S = 4.0, 3.0, 1.0
 ALONE_M = 1.5
@@ -97,10 +97,42 @@ def test_near_is_below_the_group_range(apart_m: float, group: set[int]) -> None:
     assert fleet_of(1, {1: 0.0, 2: apart_m}).group(0.0) == group
 
 
+def test_a_group_is_left_further_away_than_it_is_joined() -> None:
+    """Who flies along at d_r would change its layer with every metre: it parts only a quarter further off."""
+    fleet = fleet_of(1, {1: 0.0, 2: 0.9 * D_R})
+    assert fleet.group(0.0) == {1, 2}
+    fleet.on_report(2, along(0.99 * PARTS * D_R, 0.1))
+    assert fleet.group(0.1) == {1, 2}
+    fleet.on_report(2, along(1.01 * PARTS * D_R, 0.2))
+    assert fleet.group(0.2) == {1}
+    fleet.on_report(2, along(0.99 * PARTS * D_R, 0.3))
+    assert fleet.group(0.3) == {1}
+
+
+def test_who_has_landed_is_in_no_group() -> None:
+    """It needs no layer; when it takes off again it does."""
+    fleet = fleet_of(1, {1: 0.0, 2: 3.0})
+    fleet.on_report(2, Report(1.0, 3.0, 0.0, 0.1, flies=False))
+    assert fleet.group(9.0) == {1}
+    fleet.on_report(2, Report(9.0, 3.0, 0.0, 0.5))
+    assert fleet.group(9.0) == {1, 2}
+
+
+def test_no_more_reports_are_kept_than_anybody_flies() -> None:
+    """Whatever comes over a network must not fill the memory; those that are known are still heard."""
+    fleet = lone(1)
+    for vehicle_id in range(2, 3 * MOST_VEHICLES):
+        fleet.on_report(vehicle_id, along(0.0))
+    fleet.on_report(1, along(0.0))
+    assert fleet.group(0.0) == set(range(1, MOST_VEHICLES + 2))
+    fleet.on_report(2, along(50.0, 1.0))
+    assert 2 not in fleet.group(1.0)
+
+
 def test_distance_counts_height_too() -> None:
     """Two vehicles on two levels of the mine, one above the other, are no group."""
     reports = {1: Report(0.0, 0.0, 0.0, 1.5), 2: Report(0.0, 0.0, 0.0, 9.5)}
-    assert connected(reports, 1, D_R) == {1}
+    assert connected(near_pairs(reports, D_R), 1) == {1}
 
 
 def components(reports: dict[int, Report]) -> list[set[int]]:
@@ -207,7 +239,8 @@ def test_a_report_that_is_not_finite_is_ignored(field: int, bad: float) -> None:
     fleet = fleet_of(1, {1: 0.0, 2: 3.0})
     numbers = [1.0, 3.0, 0.0, 1.5]
     numbers[field] = bad
-    fleet.on_report(2, Report(*numbers))
+    t_s, x_m, y_m, z_m = numbers
+    fleet.on_report(2, Report(t_s, x_m, y_m, z_m))
     assert fleet.group(0.0) == {1, 2}
     fleet.on_report(2, along(50.0, 2.0))
     assert fleet.group(2.0) == {1}

@@ -42,6 +42,7 @@ def test_continuous_integration_runs_what_people_run() -> None:
     [
         ("explore", ".venv/bin/companion sim --world complex"),
         ("fly", ".venv/bin/companion sitl fly"),
+        ("ground", ".venv/bin/companion sitl ground"),
         ("test", "scripts/check"),
         ("format", ".venv/bin/ruff format ."),
     ],
@@ -54,7 +55,7 @@ def test_each_target_prepares_what_it_needs(target: str, command: str) -> None:
 
 def test_make_alone_lists_the_targets() -> None:
     names = re.findall(r"^make ([\w-]+)", make(), re.MULTILINE)
-    flights = ["explore", "fly", "test", "test-flights", "test-safety", "test-real", "mutants"]
+    flights = ["explore", "fly", "ground", "test", "test-flights", "test-safety", "test-real", "mutants"]
     assert names == ["help", "setup", *flights, "check-docker", "format"]
 
 

@@ -75,8 +75,6 @@ class Homeward(Stand):
             self.operator.wish = Wish.END
         elif what == "landing ordered":
             self.operator.wish = Wish.LAND
-        elif what == "hold":
-            self.operator.wish = Wish.HOLD
         elif what == "pilot":
             self.vehicle.taken_over = "position"
         elif what == "gate dies":
@@ -197,25 +195,6 @@ async def test_a_person_sends_it_home_or_lands_it_whatever_is_configured(stand: 
         assert await flight.fly("nothing") is Termination.STOPPED
         assert (flight.flight.homecoming is not None) is comes_home
         assert flight.told == ["take off", "engage", "land", "leave"]
-
-
-@pytest.mark.parametrize("end_action", ["land", "hold", "home"])
-async def test_a_stop_holds_where_it_is_whatever_is_configured(stand: Stand, end_action: str) -> None:
-    """Protects from a vehicle that comes home, or lands, after somebody has stopped it."""
-    flight = Homeward(stand.gate, end_action)
-    flight.operator.wish = Wish.HOLD
-    assert await flight.fly("nothing") is Termination.STOPPED
-    assert flight.flight.homecoming is None
-    assert flight.told == ["take off", "engage", "hold", "leave"]
-    assert flight.seen(Event.ENDED)[0]["then"] == "holding"
-
-
-async def test_a_stop_on_the_way_home_holds_there(homeward: Homeward) -> None:
-    homeward.happens = "hold"
-    assert await homeward.fly("complete") is Termination.COMPLETE
-    assert homeward.told == ["take off", "engage", "hold", "leave"]
-    assert homeward.seen(Event.HOMING_ENDED)[0]["then"] == "holding"
-    assert homeward.seen(Event.LANDED) == []
 
 
 async def test_the_first_stop_on_the_way_home_is_answered(homeward: Homeward) -> None:

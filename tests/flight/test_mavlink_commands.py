@@ -175,7 +175,7 @@ class Screen:
         ({"command": MavCmd.MISSION_START}, ENDED, True, "start refused: its flight is over"),
         (HOME, WAITING, True, "home refused: it stands and waits"),
         (HOME, TAKING_OFF, True, "home refused: it is taking off"),
-        (LAND, LEAVING, True, "land refused: it lands or holds already"),
+        (LAND, LEAVING, True, "land refused: its autopilot lands or holds it"),
         (CONTINUE, WAITING, True, "continue refused: it stands and waits"),
         (PAUSE | {"param1": 2.0}, EXPLORING, True, "pause refused: parameter 1 is neither 0 nor 1"),
     ],

@@ -44,7 +44,7 @@ def test_every_command_is_done_or_refused_with_a_reason_that_fits_a_display(
         (Command.CONTINUE, {EXPLORING, HOMING}),
         (Command.HOME, {EXPLORING, HOMING}),
         (Command.LAND, {TAKING_OFF, EXPLORING, HOMING}),
-        (Command.STOP, {CHECKING, WAITING, TAKING_OFF, EXPLORING, HOMING}),
+        (Command.STOP, {CHECKING, WAITING, TAKING_OFF, EXPLORING, HOMING, ENDED}),
     ],
 )
 def test_what_is_accepted_when_and_accepted_again(command: Command, phases: set[FlightPhase]) -> None:
@@ -54,28 +54,46 @@ def test_what_is_accepted_when_and_accepted_again(command: Command, phases: set[
         assert answers == {phase in phases}, phase
 
 
-def test_a_stop_stands_with_the_next_tick_and_is_taken_back_by_nothing() -> None:
-    """Protects from the quarter of a second after which the end of a flight is looked for, and from a later order."""
-    flight = in_phase(EXPLORING)
-    operator = OperatorCommands(True, flight)
+def test_a_stop_brakes_whatever_steers() -> None:
+    """Protects the one button that must not fail: it is never a question of the phase while we steer."""
+    for phase in (EXPLORING, HOMING):
+        flight = in_phase(phase)
+        operator = OperatorCommands(True, flight)
+        assert operator.ask(Command.STOP).accepted
+        assert flight.paused, "the next tick brakes"
+        assert operator.wish is Wish.NOTHING, "a person decides how it goes on"
+    operator = OperatorCommands(True, in_phase(TAKING_OFF))
     assert operator.ask(Command.STOP).accepted
-    assert flight.paused
-    for later in (Command.LAND, Command.HOME):
-        operator.ask(later)
-    assert operator.wish is Wish.HOLD
-    assert operator.stop.is_set()
+    assert operator.stop.is_set(), "the climb ends"
 
 
 def test_a_stop_on_the_ground_takes_the_start_back() -> None:
-    """Protects whoever stops while it is checked once more: before, the take-off followed all the same."""
     operator = OperatorCommands(True, in_phase(WAITING))
     assert operator.ask(Command.START).accepted
     assert operator.ask(Command.STOP).accepted
     assert not operator.start.is_set()
-    assert not operator.stop.is_set(), "another start may follow"
-    by_itself = OperatorCommands(False, in_phase(CHECKING))
-    assert by_itself.ask(Command.STOP).accepted
-    assert by_itself.stop.is_set()
+    operator = OperatorCommands(True, in_phase(CHECKING))
+    assert operator.ask(Command.STOP).accepted
+    assert operator.stop.is_set(), "nothing takes off after it"
+
+
+def test_what_the_autopilot_ends_it_is_told_to_stop_itself() -> None:
+    operator = OperatorCommands(True, in_phase(LEAVING))
+    answer = operator.ask(Command.STOP)
+    assert not answer.accepted
+    assert "autopilot" in answer.reason
+    assert not operator.stop.is_set()
+
+
+@pytest.mark.parametrize("command", list(Command))
+def test_asked_twice_it_is_done_once(command: Command) -> None:
+    for phase in FlightPhase:
+        flight = in_phase(phase)
+        operator = OperatorCommands(True, flight)
+        first = operator.ask(command)
+        state = (operator.wish, operator.start.is_set(), operator.stop.is_set(), flight.paused)
+        assert operator.ask(command) == first
+        assert (operator.wish, operator.start.is_set(), operator.stop.is_set(), flight.paused) == state
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -134,3 +134,16 @@ def test_a_stop_ordered_before_holds_what_is_taken() -> None:
     assert Fault.GROUND_STOP in scene.gate._escalation.counting
     assert not scene.mode(GUIDED, SOON_S)
     assert AUTOPILOT_NUMBER[scene.kind] == 3
+
+
+@pytest.mark.parametrize("refused", [False, True])
+def test_asking_for_the_mode_on_the_ground_hands_over_nothing(refused: bool) -> None:
+    """Protects a pilot who arms while the application has only got as far as its mode, taken or refused."""
+    scene = Scene(kind=AutopilotKind.ARDUPILOT)
+    scene.heartbeat(LOITER, armed=False)
+    assert scene.mode(GUIDED)
+    if refused:
+        ack = {"command": 176, "result": MavResult.FAILED, "target_system": SYSTEM, "target_component": 191}
+        scene.hear("COMMAND_ACK", SOON_S, **ack)
+    scene.heartbeat(LOITER if refused else GUIDED, SOON_S)
+    assert not is_ours(scene)

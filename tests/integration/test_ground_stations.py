@@ -97,3 +97,25 @@ def test_the_buttons_of_qgroundcontrol_start_it_and_stop_it(personality: str, tm
         flight.wait_for("brake: ground_stop", 5.0)
         assert is_still(flight)
         assert flight.witness.armed, "it holds, until somebody lands it"
+
+
+@pytest.mark.flight
+@pytest.mark.timeout(200)
+def test_the_mode_explore_starts_it_and_is_refused_before_its_time(tmp_path: Path) -> None:
+    """Protects who chooses a mode and nothing else; on the real one: `tests/real/test_starts.py`."""
+    explore = (m.MAV_CMD_DO_SET_MODE, 0, 1, 101, *[0] * 5)
+    with flown(tmp_path, "ardupilot", mission={"start": "command"}, parameters=("SCR_ENABLE=1",)) as flight:
+        flight.wait_for("connected; listening")
+        flight.witness.send(m.MAVLink_command_long_message(1, 1, *explore))
+        flight.wait_for("start refused: it is still being checked")
+        flight.witness.wait("the mode before", lambda: "Explore: start: not now" in flight.witness.texts, 5.0)
+        assert not flight.witness.ever_armed
+        flight.wait_for(READY)
+        flight.witness.send(m.MAVLink_command_long_message(1, 1, *explore))
+        flight.explore_for(5.0)
+        flight.witness.send(m.MAVLink_command_long_message(1, 1, *explore))
+        time.sleep(2.0)
+        assert flight.witness.mode == "guided", "in the air it is not to be had"
+        press(flight, "Land here")
+        assert flight.exit_code() == 0, flight.said()[-1500:]
+    assert flight.crew.score()["contacts"] == 0

@@ -33,7 +33,8 @@ safety_case.stopping_budget
 FOLDER = Path(__file__).parents[2]
 TESTS = """
 gate/test_allowlist gate/test_escalation gate/test_failsafe_actions gate/test_fault_monitor gate/test_gate_faults
-gate/test_gate_flight gate/test_gate_hearing gate/test_gate_setpoints gate/test_gate_stages gate/test_motion
+gate/test_gate_flight gate/test_gate_hearing gate/test_gate_setpoints gate/test_gate_stages gate/test_handover
+gate/test_motion
 gate/test_outgoing gate/test_protocol_and_plan gate/test_setpoint_limits gate/test_vehicle mavlink/test_codec
 mavlink/test_mode_monitor mavlink/test_readings mavlink/test_signing safety_case/test_stopping_budget
 """

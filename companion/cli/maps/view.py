@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 from pathlib import Path
 
 import typer
@@ -44,17 +43,13 @@ def show_in_browser(source: Path, host: str, port: int, most_points: int, clouds
     """
     with of_the_extra("companion map view"):
         from companion.viewer.page import serve
+        from companion.viewer.serving import reached_at
     bits, ways, lines = _read(source, clouds)
     with serve(bits, _name(source), ways, host, port, most_points, lines) as page:
-        typer.echo(f"{source}: open http://{_reached_at(host)}:{page.port}; Ctrl-C ends it")
+        typer.echo(f"{source}: open http://{reached_at(host)}:{page.port}; Ctrl-C ends it")
         if page.note:
             typer.echo(page.note)
         page.wait()
-
-
-def _reached_at(host: str) -> str:
-    """What to type into a browser for the address that is listened at: 0.0.0.0 is no place to go to."""
-    return {"127.0.0.1": "localhost", "0.0.0.0": socket.gethostname()}.get(host, host)  # noqa: S104 - the user asks
 
 
 def _read(source: Path, clouds: CloudOptions) -> tuple[PackedVoxels, dict[str, FloatArray], list[GraphLines]]:

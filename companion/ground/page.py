@@ -1,0 +1,252 @@
+"""The operator's page: the map as it grows, the vehicles in it, how they are, and what they are asked.
+
+One thread draws, a turn after another; what is pressed is done at once by the thread that hears of it.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from companion.ground.access import Access
+from companion.ground.cards import STYLE, Row, fleet_card, vehicle_card
+from companion.ground.commanding import Commanding
+from companion.ground.downloads import Downloads
+from companion.ground.measuring import Measuring
+from companion.ground.shown_vehicle import ShownVehicle
+from companion.ground.station import Station, VehicleView
+from companion.ground.view_controls import Box, ViewControls, look
+from companion.viewer.drawing import HeightRange, levels_of
+from companion.viewer.page import OBLIQUE, WAY_COLOURS, aim
+from companion.viewer.serving import serving
+from companion.viewer.voxels import State
+
+PERIOD_S = 0.2
+"""Time between two looks at the vehicles."""
+
+MAP_PERIOD_S = 1.0
+"""Time between two looks at what their maps have that the page has not."""
+
+_DRAWING_S = 0.1
+"""Of a turn, so much may go into drawing: a map that is behind must not keep the figures from being live."""
+
+_PANEL_PX = 350
+
+_START_M: Box = (np.array([-15.0, -15.0, 0.0]), np.array([15.0, 15.0, 3.0]))
+_NEAR_M = np.array([8.0, 8.0, 2.0])
+"""What is seen of the surroundings of a vehicle."""
+
+
+class GroundPage:
+    """The page while it is served.
+
+    Args:
+        server: viser's.
+        station: the vehicles.
+        access: who may command.
+        most_points: cubes become coarser where there are more, in all maps together.
+        now_s: monotonic time.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        station: Station,
+        access: Access,
+        most_points: int,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.server = server
+        self._station = station
+        self._most_points = most_points
+        self._now_s = now_s
+        self._heights = HeightRange()
+        self._shown: dict[str, ShownVehicle] = {}
+        self._chosen = ""
+        self._next_map_s = -math.inf
+        self._turns = 0
+        self._drawing = threading.Lock()
+        self.commanding = Commanding(server, access, station.vehicles, self.chosen)
+        self._lay_out()
+        server.on_client_connect(lambda client: look(client, *self._whole(), OBLIQUE))
+        server.on_client_disconnect(access.forget)
+
+    @property
+    def port(self) -> int:
+        """The port that it listens on."""
+        return int(self.server.get_port())
+
+    @property
+    def points(self) -> int:
+        """How many points are drawn."""
+        return sum(shown.drawing.points for shown in self._shown.values() if shown.drawing is not None)
+
+    @property
+    def waiting(self) -> int:
+        """Tiles that are not on the page as they should be yet."""
+        return sum(shown.drawing.waiting for shown in self._shown.values() if shown.drawing is not None)
+
+    @property
+    def cubes_m(self) -> float:
+        """Edge of the cubes that stand for occupied voxels; 0 while there are none."""
+        drawings = (shown.drawing for shown in self._shown.values())
+        return max((drawing.edge_m(State.OCCUPIED) for drawing in drawings if drawing is not None), default=0.0)
+
+    @property
+    def memory_bytes(self) -> int:
+        """What the voxels of all maps take."""
+        drawings = (shown.drawing for shown in self._shown.values())
+        return sum(drawing.map.memory_bytes for drawing in drawings if drawing is not None)
+
+    def chosen(self) -> VehicleView | None:
+        """The vehicle that figures and buttons are for."""
+        return next((one for one in self._station.vehicles() if one.name == self._chosen), None)
+
+    def choose(self, name: str) -> None:
+        """Make figures and buttons those of this vehicle."""
+        self._chosen = name
+
+    def run(self, stop: Callable[[], bool] = lambda: False) -> None:
+        """Keep the page up to date until ``stop`` or Ctrl-C."""
+        while not stop():
+            began_s = time.monotonic()
+            self.turn()
+            time.sleep(max(PERIOD_S - (time.monotonic() - began_s), 0.01))
+
+    def turn(self) -> None:
+        """One look at everything."""
+        vehicles = list(self._station.vehicles())
+        self._meet(vehicles)
+        self._write(vehicles)
+        self.commanding.refresh()
+        with self._drawing:
+            for vehicle in vehicles:
+                self._shown[vehicle.name].sketch.look(vehicle)
+            if self._now_s() >= self._next_map_s:
+                self._next_map_s = self._now_s() + MAP_PERIOD_S
+                for vehicle in vehicles:
+                    self._shown[vehicle.name].take_map(vehicle, self._heights)
+                aim(self.server, *self._whole())
+            self._draw_maps()
+        self._turns += 1
+
+    def _lay_out(self) -> None:
+        gui = self.server.gui
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(_PANEL_PX)
+        gui.add_html(f"<style>{STYLE}</style>")
+        self.commanding.add_stop()
+        self._fleet = gui.add_html("")
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Vehicle", viser.Icon.DRONE):
+            gui.add_html('<div class="gp-chooser"></div>')
+            self._chooser = gui.add_button_group("show", ("",), visible=False)
+            self._card = gui.add_html("")
+            self.commanding.add_buttons()
+        with tabs.add_tab("View", viser.Icon.EYE):
+            self.view = ViewControls(self.server, self._whole, self._around_chosen)
+        with tabs.add_tab("Map", viser.Icon.RULER_MEASURE):
+            self.measuring = Measuring(self.server, self._seen)
+            Downloads(self.server, self.chosen)
+            self._facts = gui.add_markdown("")
+        self._chooser.on_click(lambda event: self.choose(str(event.target.value)))
+
+    def _meet(self, vehicles: list[VehicleView]) -> None:
+        """Take vehicles that are new onto the page."""
+        new = [vehicle for vehicle in vehicles if vehicle.name not in self._shown]
+        for vehicle in new:
+            colour = WAY_COLOURS[len(self._shown) % len(WAY_COLOURS)]
+            shown = self._shown[vehicle.name] = ShownVehicle(self.server, len(self._shown), vehicle.name, colour)
+            shown.sketch.body.on_click(self._choosing(vehicle.name))
+            self.view.add_vehicle(vehicle.name)
+        if not self._chosen and vehicles:
+            self._chosen = vehicles[0].name
+        if new:
+            self._chooser.options = tuple(vehicle.name for vehicle in vehicles)
+            self._chooser.visible = len(vehicles) > 1
+
+    def _choosing(self, name: str) -> Callable[[object], None]:
+        return lambda _: self.choose(name)
+
+    def _write(self, vehicles: list[VehicleView]) -> None:
+        # Once a second the card is another one, though nothing has changed: it knows by that that it is not old.
+        tick = self._turns // round(1.0 / PERIOD_S)
+        rows = [Row(one, self._shown[one.name].css_colour, one.name == self._chosen) for one in vehicles]
+        contents = [(self._fleet, fleet_card(rows, tick))]
+        chosen = self.chosen()
+        if chosen is not None:
+            contents.append((self._card, vehicle_card(chosen)))
+        for handle, content in contents:
+            if handle.content != content:
+                handle.content = content
+
+    def _draw_maps(self) -> None:
+        drawings = [shown.drawing for shown in self._shown.values() if shown.drawing is not None]
+        self.view.bound(self._heights.low_m, self._heights.high_m)
+        style = self.view.style(self._most_points)
+        levels = levels_of([drawing.map for drawing in drawings], self._most_points)
+        end_s = time.perf_counter() + _DRAWING_S
+        for shown in self._shown.values():
+            shown.show(self.view, self.view.is_shown(shown.name))
+        outgrown = False
+        for drawing in drawings:
+            drawing.restyle(style, levels)
+            outgrown |= drawing.draw(max(end_s - time.perf_counter(), 0.0))
+        if outgrown:
+            for drawing in drawings:
+                drawing.repaint()
+
+    def _whole(self) -> Box:
+        """Around all maps; around where a vehicle begins while there is none."""
+        drawings = (shown.drawing for shown in self._shown.values())
+        boxes = [box for drawing in drawings if drawing is not None and (box := drawing.map.bounds_m) is not None]
+        lows, highs = zip(*boxes, strict=True) if boxes else ((_START_M[0],), (_START_M[1],))
+        return np.min(lows, axis=0), np.max(highs, axis=0)
+
+    def _around_chosen(self) -> Box | None:
+        vehicle = self.chosen()
+        told = None if vehicle is None else vehicle.telemetry
+        if told is None or told.x_m is None or told.y_m is None or told.z_m is None:
+            return None
+        at_m = np.array([told.x_m, told.y_m, told.z_m])
+        return at_m - _NEAR_M, at_m + _NEAR_M
+
+    def _seen(self, origin_m: NDArray[np.float64], towards: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """What a click hits: of vehicles that are not hidden, the nearest point of a map."""
+        with self._drawing:
+            found = [
+                point
+                for shown in self._shown.values()
+                if shown.drawing is not None and self.view.is_shown(shown.name)
+                if (point := shown.drawing.seen_from(origin_m, towards)) is not None
+            ]
+        return min(found, key=lambda point: float(np.linalg.norm(point - origin_m)), default=None)
+
+
+@contextmanager
+def serve(
+    station: Station, title: str, host: str, port: int, most_points: int, code: str | None = None
+) -> Iterator[GroundPage]:
+    """Serve the operator's page while the block runs; `GroundPage.run` keeps it up to date.
+
+    Args:
+        station: the vehicles.
+        title: stands over the controls.
+        host: address to listen at.
+        port: port there.
+        most_points: cubes become coarser where there are more.
+        code: what has to be typed before commands are sent; None: nothing. STOP needs none.
+
+    Raises:
+        InputError: nothing can listen there.
+    """
+    with serving(title, host, port) as server:
+        aim(server, *_START_M)
+        yield GroundPage(server, station, Access(code), most_points)
