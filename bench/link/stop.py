@@ -1,8 +1,7 @@
 """How soon a stop over the link brakes, and what the link costs the control: ``python -m bench.link.stop``.
 
 The stub, the world, gate and application as processes, over MAVLink, in real time; the ground is this program. In each
-flight with the link it presses PAUSE every few seconds while the vehicle moves, which brakes by the way of STOP but
-can be gone on from, and CONTINUE after it. ``answered`` is
+flight with the link it presses STOP every few seconds while the vehicle moves, and CONTINUE after it. ``answered`` is
 from the press to the acknowledgement, ``braking`` from the press to the first setpoint of those that lead to a stand,
 as it leaves the gate, stamped by the kernel when it arrives at the autopilot's end. The gap between setpoints is that
 of the application's; flights without the link are made in turn with those that have it.
@@ -45,7 +44,7 @@ COLUMNS = (
 
 
 class Stops:
-    """Presses PAUSE and CONTINUE, and notes when, and when the answer came."""
+    """Presses STOP and CONTINUE, and notes when, and when the answer came."""
 
     def __init__(self, vehicle: LinkedVehicle, wire: Wire) -> None:
         self.pressed_ns: list[int] = []
@@ -56,7 +55,7 @@ class Stops:
     def press(self) -> None:
         """Stop, and go on."""
         began_ns = time.monotonic_ns()
-        answer = self._asked(Command.PAUSE)
+        answer = self._asked(Command.STOP)
         if answer is not None and answer.accepted:
             self.answered_ms.append((time.monotonic_ns() - began_ns) / 1e6)
             self.pressed_ns.append(began_ns)

@@ -31,7 +31,7 @@ def test_a_flight_is_watched_stopped_and_sent_home_over_the_link(personality: st
     ):
         flight.explore_for(2.0)
         vehicle = known(ground)
-        assert answer_to(vehicle, Command.PAUSE) == Answer(accepted=True)
+        assert answer_to(vehicle, Command.STOP) == Answer(accepted=True)
         time.sleep(STOPPED_S)
         assert speed_mps(flight.witness.pose()) < STANDS_MPS
         until(lambda: vehicle.telemetry is not None and vehicle.telemetry.paused)
@@ -47,5 +47,5 @@ def test_a_flight_is_watched_stopped_and_sent_home_over_the_link(personality: st
     copy = MapCopy(flight.folder)
     assert copy.sum == whole, "the ground's map is the vehicle's"
     copy.close()
-    assert "anna over the link: pause: done" in flight.said()
+    assert "anna over the link: stop: done" in flight.said()
     assert flight.crew.score()["contacts"] == 0
