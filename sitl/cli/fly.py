@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +13,7 @@ import typer
 
 from companion.errors import CompanionError, InputError
 from sitl.cli.mesh_options import DEFAULT_CLOUD_VOXEL_M, CloudVoxel, Scale, UpAxis
-from sitl.launch.fleet import seats
+from sitl.launch.fleet import Seat, seats
 from sitl.launch.processes import Crew, FlightPlan, free_udp_ports, run_all_to_their_ends, run_to_its_end
 from sitl.launch.real import find
 from sitl.mines.placing import Reading
@@ -56,11 +57,17 @@ def fly(
         raise InputError(f"--boot-s {boot_s:g}: --real boots in its own time")
     if real and vehicles > 1:
         raise InputError(f"--vehicles {vehicles}: --real flies one; several real ones need a network each")
+    reading = Reading(scale, up, cloud_voxel)
+    # Whether there is room for them is known before anything is written.
+    places = (
+        seats(world, reading, seed, "flight", free_udp_ports(vehicles), free_udp_ports(vehicles))
+        if vehicles > 1
+        else ()
+    )
     gps = "nogps" if no_gps else "gps"
     with new_folder(default_folder(f"{personality}-{gps}") if out is None else out) as folder:
         pass
     target = folder.target
-    reading = Reading(scale, up, cloud_voxel)
     plan = FlightPlan(
         folder=target,
         personality=personality,
@@ -73,7 +80,7 @@ def fly(
         real=find(personality) if real else None,
     )
     if vehicles > 1:
-        _fly_several(plan, reading, vehicles)
+        _fly_several(plan, places)
         return
     typer.echo("starting the autopilot and the world (the first time on a computer takes about a minute)")
     with Crew(plan) as crew:
@@ -98,12 +105,11 @@ def fly(
         raise FlightFailedError("the vehicle touched a wall")
 
 
-def _fly_several(plan: FlightPlan, reading: Reading, vehicles: int) -> None:
+def _fly_several(plan: FlightPlan, places: Sequence[Seat]) -> None:
     """Fly several vehicles at once, each with its processes and a folder ``vehicle-K``."""
-    ports, world_ports = free_udp_ports(vehicles), free_udp_ports(vehicles)
-    typer.echo(f"starting {vehicles} autopilots and worlds (the first time on a computer takes about a minute)")
+    typer.echo(f"starting {len(places)} autopilots and worlds (the first time on a computer takes about a minute)")
     crews = []
-    for seat in seats(plan.world, reading, plan.seed, plan.preset, ports, world_ports):
+    for seat in places:
         folder = plan.folder / f"vehicle-{seat.number}"
         folder.mkdir()
         crews.append(Crew(replace(plan, folder=folder, seat=seat)))
