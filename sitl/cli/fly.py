@@ -59,11 +59,8 @@ def fly(
         raise InputError(f"--vehicles {vehicles}: --real flies one; several real ones need a network each")
     reading = Reading(scale, up, cloud_voxel)
     # Whether there is room for them is known before anything is written.
-    places = (
-        seats(world, reading, seed, "flight", free_udp_ports(vehicles), free_udp_ports(vehicles))
-        if vehicles > 1
-        else ()
-    )
+    ports = free_udp_ports(2 * vehicles)
+    places = () if vehicles == 1 else seats(world, reading, seed, "flight", ports[:vehicles], ports[vehicles:])
     gps = "nogps" if no_gps else "gps"
     with new_folder(default_folder(f"{personality}-{gps}") if out is None else out) as folder:
         pass
