@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from companion.control.fleet import Fleet, Report
 from companion.control.governor import braking_speed_mps
-from companion.model import Setpoint
+from companion.model import Measurement, Setpoint
 
 STAYS_APART = 0.9
 """Two that are apart in height count as that until they are nearer than this share of what it takes."""
@@ -82,6 +82,10 @@ class Clearance:
     holds: bool
     beside_m: tuple[tuple[float, float], ...]
     spacing: Spacing
+
+    def lets_wait(self, measurement: Measurement | None) -> bool:
+        """Whether the vehicle is to wait, by what it measured last; where the ground has ended it first goes back."""
+        return self.holds and not (measurement is not None and measurement.over_shaft)
 
     def limited(self, setpoint: Setpoint, yaw_rad: float) -> Setpoint:
         """The same, no faster than it can stand before it is too near to any of them, who comes as fast.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +13,7 @@ import typer
 
 from companion.errors import CompanionError, InputError
 from sitl.cli.mesh_options import DEFAULT_CLOUD_VOXEL_M, CloudVoxel, Scale, UpAxis
-from sitl.launch.fleet import seats
+from sitl.launch.fleet import Seat, seats
 from sitl.launch.processes import Crew, FlightPlan, free_udp_ports, run_all_to_their_ends, run_to_its_end
 from sitl.launch.real import find
 from sitl.mines.placing import Reading
@@ -64,11 +65,14 @@ def fly(
         raise InputError(f"--boot-s {boot_s:g}: --real boots in its own time")
     if real and vehicles > 1:
         raise InputError(f"--vehicles {vehicles}: --real flies one; several real ones need a network each")
+    reading = Reading(scale, up, cloud_voxel)
+    # Whether there is room for them is known before anything is written.
+    ports = free_udp_ports(2 * vehicles)
+    places = () if vehicles == 1 else seats(world, reading, seed, "flight", ports[:vehicles], ports[vehicles:])
     gps = "nogps" if no_gps else "gps"
     with new_folder(default_folder(f"{personality}-{gps}") if out is None else out) as folder:
         pass
     target = folder.target
-    reading = Reading(scale, up, cloud_voxel)
     plan = FlightPlan(
         folder=target,
         personality=personality,
@@ -82,7 +86,7 @@ def fly(
         settings=None if link is None else {"link": {"enabled": True, "listen": [link]}},
     )
     if vehicles > 1:
-        _fly_several(plan, reading, vehicles, link)
+        _fly_several(plan, places, link)
         return
     typer.echo("starting the autopilot and the world (the first time on a computer takes about a minute)")
     with Crew(plan) as crew:
@@ -120,12 +124,11 @@ def _link_of(endpoint: str, number: int) -> dict[str, dict[str, Any]]:
     return {"link": {"enabled": True, "name": f"vehicle-{number}", "listen": [here]}}
 
 
-def _fly_several(plan: FlightPlan, reading: Reading, vehicles: int, link: str | None) -> None:
+def _fly_several(plan: FlightPlan, places: Sequence[Seat], link: str | None) -> None:
     """Fly several vehicles at once, each with its processes and a folder ``vehicle-K``."""
-    ports, world_ports = free_udp_ports(vehicles), free_udp_ports(vehicles)
-    typer.echo(f"starting {vehicles} autopilots and worlds (the first time on a computer takes about a minute)")
+    typer.echo(f"starting {len(places)} autopilots and worlds (the first time on a computer takes about a minute)")
     crews = []
-    for seat in seats(plan.world, reading, plan.seed, plan.preset, ports, world_ports):
+    for seat in places:
         folder = plan.folder / f"vehicle-{seat.number}"
         folder.mkdir()
         settings = None if link is None else _link_of(link, seat.number)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from companion.control.fleet import Fleet, Report
 from companion.control.separation import PATIENCE_S, STAYS_APART, Clearance, Separation, Spacing
 from companion.model import Setpoint
+from tests.control.scene import measurement
 
 SPACING = Spacing(
     apart_m=0.6,
@@ -73,6 +74,16 @@ def test_at_one_height_and_near_both_wait_and_go_to_their_layers() -> None:
     clearance = meeting((0.0, 0.0, 1.5), (2.0, 0.0, 1.5))
     assert clearance.holds
     assert clearance.height_m == 2.0
+
+
+def test_where_the_ground_has_ended_nobody_waits() -> None:
+    """It goes back to where there was some first: waiting over a shaft it would be landed into it."""
+    clearance = meeting((0.0, 0.0, 1.5), (2.0, 0.0, 1.5))
+    ground = measurement(None)
+    assert clearance.lets_wait(None)
+    assert clearance.lets_wait(ground)
+    assert not clearance.lets_wait(replace(ground, over_shaft=True))
+    assert not replace(clearance, holds=False).lets_wait(ground)
 
 
 def test_apart_in_height_nobody_waits() -> None:
