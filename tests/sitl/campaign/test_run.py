@@ -59,12 +59,12 @@ def row_of(flown: Mission) -> Row:
     return {**flown.given(), **missions.once(flown), "settings": flown.settings_json}
 
 
-def test_rows_depend_neither_on_workers_nor_on_order() -> None:
+def test_rows_depend_neither_on_workers_nor_on_order(tmp_path: Path) -> None:
     """Protects every comparison, and the last seconds: how many fly, and which of them is first, changes no row.
 
     Signals of the terminal, which go to the whole group, do not reach workers: the command alone decides.
     """
-    asked = [mission(number) for number in range(6)]
+    asked = [mission(number, str(tmp_path)) for number in range(6)]
     rows: list[Row] = []
     with LocalWorkers(2) as workers:
         run(asked, workers, missions.uneven, rows.append)
