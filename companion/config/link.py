@@ -1,4 +1,4 @@
-"""The link between this vehicle and the ground."""
+"""The link between this vehicle, the ground and other vehicles."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class LinkSettings(Section):
         ("tcp/127.0.0.1:7447",), max_length=8, description=f"where it is waited for the ground: {ENDPOINT_FORMS}"
     )
     connect: tuple[Endpoint, ...] = Field(
-        (), max_length=8, description="where the ground or another vehicle waits, likewise; tried again for ever"
+        (), max_length=32, description="where the ground or other vehicles wait, likewise; tried again for ever"
     )
     certificates: str | None = Field(
         None,

@@ -58,7 +58,7 @@ class GroundLink:
         events: EventEmitter,
         clock: Clock,
     ) -> None:
-        self.client = LinkClient(settings.link, journal, self.obey, self._trouble, clock)
+        self.client = LinkClient(settings.link, journal, self.obey, self._trouble, clock, settings.fleet.number)
         self._mission = settings.mission
         self._period_s = 1.0 / settings.link.telemetry_hz
         self._situation = situation

@@ -6,14 +6,21 @@ import signal
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import typer
 
 from companion.errors import CompanionError, InputError
 from sitl.cli.mesh_options import DEFAULT_CLOUD_VOXEL_M, CloudVoxel, Scale, UpAxis
 from sitl.launch.fleet import seats
-from sitl.launch.processes import Crew, FlightPlan, free_udp_ports, run_all_to_their_ends, run_to_its_end
+from sitl.launch.processes import (
+    Crew,
+    FlightPlan,
+    free_tcp_ports,
+    free_udp_ports,
+    run_all_to_their_ends,
+    run_to_its_end,
+)
 from sitl.launch.real import find
 from sitl.mines.placing import Reading
 
@@ -107,29 +114,29 @@ def fly(
         raise FlightFailedError("the vehicle touched a wall")
 
 
-def _link_of(endpoint: str, number: int) -> dict[str, dict[str, Any]]:
-    """The settings of one of several vehicles: it is ``vehicle-K``, and listens K - 1 ports above that one.
+def _endpoints(first: str | None, vehicles: int) -> list[str]:
+    """Where the links of several vehicles listen: from a port on, or anywhere on loopback.
 
     Raises:
         InputError: there is no port in it.
     """
-    place, _, port = endpoint.rpartition(":")
+    if first is None:
+        return [f"tcp/127.0.0.1:{port}" for port in free_tcp_ports(vehicles)]
+    place, _, port = first.rpartition(":")
     if not port.isdecimal():
-        raise InputError(f"--link {endpoint}: it ends in no port, such as tcp/127.0.0.1:7447")
-    here = f"{place}:{int(port) + number - 1}"
-    return {"link": {"enabled": True, "name": f"vehicle-{number}", "listen": [here]}}
+        raise InputError(f"--link {first}: it ends in no port, such as tcp/127.0.0.1:7447")
+    return [f"{place}:{int(port) + k}" for k in range(vehicles)]
 
 
 def _fly_several(plan: FlightPlan, reading: Reading, vehicles: int, link: str | None) -> None:
     """Fly several vehicles at once, each with its processes and a folder ``vehicle-K``."""
-    ports, world_ports = free_udp_ports(vehicles), free_udp_ports(vehicles)
+    endpoints, world_ports = _endpoints(link, vehicles), free_udp_ports(vehicles)
     typer.echo(f"starting {vehicles} autopilots and worlds (the first time on a computer takes about a minute)")
     crews = []
-    for seat in seats(plan.world, reading, plan.seed, plan.preset, ports, world_ports):
+    for seat in seats(plan.world, reading, plan.seed, plan.preset, endpoints, world_ports):
         folder = plan.folder / f"vehicle-{seat.number}"
         folder.mkdir()
-        settings = None if link is None else _link_of(link, seat.number)
-        crews.append(Crew(replace(plan, folder=folder, seat=seat, settings=settings)))
+        crews.append(Crew(replace(plan, folder=folder, seat=seat, settings=None)))
     with ExitStack() as stack:
         for crew in crews:
             stack.enter_context(crew)
