@@ -75,7 +75,8 @@ def receive(end: socket.socket) -> tuple[Kind, bytes] | None:
         try:
             data = end.recv(PACKET_BYTES + 1, socket.MSG_DONTWAIT)
         except ConnectionResetError:
-            data = b""
+            # Told once, when the other end was closed with something unread; what it had sent before comes after that.
+            data = end.recv(PACKET_BYTES + 1, socket.MSG_DONTWAIT)
         if not data:
             raise EOFError
         return Kind(data[0]), data[1:]
