@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple, Self
 
 from cryptography import x509
-from cryptography.exceptions import InvalidSignature
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
@@ -310,7 +310,7 @@ def _signed_by(
     try:
         certificate = load(given)
         who = holder(certificate)
-    except ValueError:
+    except (ValueError, x509.InvalidVersion, UnsupportedAlgorithm):
         raise InputError("its certificate is none") from None
     if not _is_issued(certificate, trusted.authority):
         raise InputError("its certificate is not of this vehicle's authority")
@@ -357,7 +357,7 @@ def common_name(name: str, serial: int) -> str:
 def _is_issued(certificate: x509.Certificate, authority: x509.Certificate) -> bool:
     try:
         certificate.verify_directly_issued_by(authority)
-    except (ValueError, TypeError, InvalidSignature):
+    except (ValueError, TypeError, InvalidSignature, UnsupportedAlgorithm):
         return False
     return True
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -252,6 +253,22 @@ def test_nothing_but_a_refusal_comes_of_any_bytes(noise: bytes, at: int) -> None
     for data in (noise, good[:at] + noise + good[at + len(noise) :]):
         with contextlib.suppress(RefusedError):
             guard.opened("drone2", data, 1.0)
+
+
+@pytest.mark.filterwarnings("ignore:Parsed a serial number")
+def test_nothing_but_a_refusal_comes_of_a_certificate_that_is_changed(tmp_path: Path, authority: Authority) -> None:
+    """One octet after the other, and two kinds of change."""
+    assert authority.issued()
+    pair = Pair(tmp_path)
+    pair.now_s += CERTIFICATE_PERIOD_S
+    good = read_envelope(pair.next())
+    assert len(good.certificate) > 300
+    for at in range(len(good.certificate)):
+        for octet in (good.certificate[at] ^ 1, 0xFF - good.certificate[at]):
+            changed = good.certificate[:at] + bytes([octet]) + good.certificate[at + 1 :]
+            with pytest.raises(RefusedError):
+                pair.comes(replace(good, certificate=changed).encode())
+    assert pair.comes(good.encode())
 
 
 def test_the_authority_gives_each_number_once(
