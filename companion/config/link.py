@@ -71,7 +71,9 @@ class LinkSettings(Section):
     enabled: bool = Field(False, description="whether there is a link to the ground and to other vehicles at all")
     name: Name = Field("vehicle", description=f"what this vehicle is called: {NAME_FORM}; each has another name")
     listen: tuple[Endpoint, ...] = Field(
-        ("tcp/127.0.0.1:7447",), max_length=8, description=f"where it is waited for the ground: {ENDPOINT_FORMS}"
+        ("tcp/127.0.0.1:7447",),
+        max_length=8,
+        description=f"where ground and other vehicles are waited for: {ENDPOINT_FORMS}",
     )
     connect: tuple[Endpoint, ...] = Field(
         (), max_length=32, description="where the ground or other vehicles wait, likewise; tried again for ever"
