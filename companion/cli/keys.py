@@ -33,12 +33,20 @@ def authority(
 
 
 @app.command()
-def vehicle(name: Name, authority: Folder, out: Out) -> None:
-    """Make a vehicle's certificate. Its name must be link.name in the settings of the vehicle."""
+def vehicle(
+    name: Name,
+    authority: Folder,
+    out: Out,
+    number: Annotated[
+        int | None, typer.Option(min=1, max=255, metavar="N", help="Its number among several, fleet.number.")
+    ] = None,
+) -> None:
+    """Make a vehicle's certificate. In its settings the name is link.name, and the number fleet.number."""
     from companion.link.certificates import Authority
 
-    Authority(authority).issue(name, "vehicle", out)
-    typer.echo(f"{out}: copy it to the vehicle, and set link.certificates to it and link.name to {name}")
+    Authority(authority).issue(name, "vehicle", out, number)
+    numbered = "" if number is None else f", and fleet.number to {number}"
+    typer.echo(f"{out}: copy it to the vehicle, and set link.certificates to it and link.name to {name}{numbered}")
 
 
 @app.command()
@@ -75,5 +83,15 @@ def list_(authority: Folder) -> None:
     from companion.text_table import columns
 
     found = Authority(authority).issued()
-    rows = [(one.name, one.role, "revoked" if one.is_revoked else "valid", f"{one.serial:x}") for one in found]
-    typer.echo("\n".join(columns([("name", "role", "state", "serial"), *rows])) if rows else "no certificates yet")
+    rows = [
+        (
+            one.name,
+            one.role,
+            "" if one.number is None else str(one.number),
+            "revoked" if one.is_revoked else "valid",
+            f"{one.serial:x}",
+        )
+        for one in found
+    ]
+    heads = ("name", "role", "number", "state", "serial")
+    typer.echo("\n".join(columns([heads, *rows])) if rows else "no certificates yet")

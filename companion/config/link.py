@@ -1,4 +1,4 @@
-"""The link between this vehicle and the ground."""
+"""The link between this vehicle, the ground and other vehicles."""
 
 from __future__ import annotations
 
@@ -66,15 +66,17 @@ Name = Annotated[str, AfterValidator(_name)]
 
 
 class LinkSettings(Section):
-    """What the ground hears of this vehicle, and what it may order. The flight does not need the link."""
+    """What ground and other vehicles hear of this one, and what the ground may order. The flight does not need it."""
 
-    enabled: bool = Field(False, description="whether there is a link to the ground at all")
+    enabled: bool = Field(False, description="whether there is a link to the ground and to other vehicles at all")
     name: Name = Field("vehicle", description=f"what this vehicle is called: {NAME_FORM}; each has another name")
     listen: tuple[Endpoint, ...] = Field(
-        ("tcp/127.0.0.1:7447",), max_length=8, description=f"where it is waited for the ground: {ENDPOINT_FORMS}"
+        ("tcp/127.0.0.1:7447",),
+        max_length=8,
+        description=f"where ground and other vehicles are waited for: {ENDPOINT_FORMS}",
     )
     connect: tuple[Endpoint, ...] = Field(
-        (), max_length=8, description="where the ground or another vehicle waits, likewise; tried again for ever"
+        (), max_length=32, description="where the ground or other vehicles wait, likewise; tried again for ever"
     )
     certificates: str | None = Field(
         None,

@@ -96,20 +96,12 @@ class Settings(Section):
                 "mission.link_lost",
                 "link.enabled",
             )
-        fleet = self.fleet
-        if fleet.number is None and (fleet.port is not None or fleet.peer_ports):
+        if self.fleet.number is not None and not self.link.enabled:
             raise refuse(
-                "fleet.number is null, but fleet.port or fleet.peer_ports is set: vehicles that hear each other need a "
-                "number each, from 1 on",
+                f"fleet.number = {self.fleet.number}, but link.enabled = false: it would neither hear other vehicles "
+                "nor be heard; set link.enabled: true, with link.listen and link.connect, or fleet.number: null",
                 "fleet.number",
-                "fleet.port",
-                "fleet.peer_ports",
-            )
-        if fleet.port is not None and fleet.port in fleet.peer_ports:
-            raise refuse(
-                f"fleet.port = {fleet.port} is one of fleet.peer_ports: it would hear itself; leave it out there",
-                "fleet.port",
-                "fleet.peer_ports",
+                "link.enabled",
             )
         safety_rules.check_limits(self.safety, self.control)
         safety_rules.check_distance(self.safety, self.vehicle, self.control)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 from pydantic import Field
 
 from companion.config.section import Section
@@ -39,19 +37,13 @@ class FleetSettings(Section):
         None,
         ge=1,
         le=255,
-        description="of this vehicle among the others, each its own: the smaller, the higher its layer; null: it flies "
-        "alone",
+        description="of this vehicle among the others, each its own: the smaller, the higher its layer; they hear each "
+        "other over the link; null: it flies alone",
     )
     start_pose: tuple[float, float, float, float] = Field(
         (0.0, 0.0, 0.0, 0.0),
         description="where it stands before it takes off, x, y and z of the middle of its body in m and its heading in "
         "rad to the left of x, in one frame for all vehicles",
-    )
-    port: int | None = Field(
-        None, ge=1, le=65535, description="UDP port of this computer on which it hears the others; null: none"
-    )
-    peer_ports: tuple[Annotated[int, Field(ge=1, le=65535)], ...] = Field(
-        (), max_length=32, description="those of the others, on this computer: as yet nobody is heard over a network"
     )
     stale_after_s: float = Field(
         1.0, gt=0.0, le=60.0, description="a position report older than this is stale; its layer stays reserved, in s"

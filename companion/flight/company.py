@@ -6,13 +6,12 @@ lost, and the next message says it anew.
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import math
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import asdict, replace
-from typing import Any, Protocol
+from typing import Protocol
 
 from companion.clock import Clock
 from companion.clock.one_way import OneWay
@@ -20,24 +19,28 @@ from companion.config.settings import Settings
 from companion.control.fleet import MOST_VEHICLES, Report
 from companion.control.separation import Back, Clearance
 from companion.control.sharing import Frame, Sharing
-from companion.errors import InputError
 from companion.flight.tasks import background
 from companion.link.fleet_messages import FleetMessage, FleetMessageError, decode
+from companion.link.vehicle.client import FleetListener
 from companion.model import Pose, wrap_rad
 from companion.pipeline import Explorer, fleet_of
 
 REPORT_PERIOD_S, SHARING_PERIOD_S = 0.2, 2.0
 """Time between two messages, and between two that tell of the ground."""
 
-LOOPBACK = "127.0.0.1"
-
 _log = logging.getLogger(__name__)
 
 
 class Exchange(Protocol):
-    """What carries messages between vehicles."""
+    """What carries messages between vehicles.
 
-    def send(self, message: bytes) -> None:
+    Attributes:
+        fleet: is given what the others tell.
+    """
+
+    fleet: FleetListener | None
+
+    def tell_others(self, message: bytes, *, with_ground: bool) -> None:
         """To all others; lost where that cannot be done at once."""
         ...
 
@@ -56,7 +59,7 @@ class Company:
         self.own_id: int = settings.fleet.number
         """Its number in the fleet."""
         self.refused = 0
-        """Messages that were none, or this vehicle's own."""
+        """Messages that were none, or not to be believed."""
         self._start = settings.fleet.start_pose
         self._explorer = explorer
         self._clock = clock
@@ -175,13 +178,17 @@ class Company:
                 self._sharing.look(now_s)
             message = self.message(with_ground)
             if message is not None:
-                exchange.send(message)
+                exchange.tell_others(message, with_ground=with_ground)
             await self._clock.sleep(REPORT_PERIOD_S)
 
-    def _refuse(self, why: str) -> None:
-        self.refused += 1
-        if self.refused == 1:
+    def on_refused(self, count: int, why: str) -> None:
+        """So many messages did not come so far: nobody has proven that they are of a vehicle, and of now."""
+        if self.refused == 0:
             _log.warning("a message of the fleet was refused: %s; further ones are only counted", why)
+        self.refused += count
+
+    def _refuse(self, why: str) -> None:
+        self.on_refused(1, why)
 
 
 def frame_at(start: tuple[float, float, float, float], pose: Pose) -> Frame:
@@ -196,55 +203,25 @@ def frame_at(start: tuple[float, float, float, float], pose: Pose) -> Frame:
     return Frame(start[0] - turned_x_m, start[1] - turned_y_m, start[2] - turned_z_m, yaw_rad)
 
 
-class _Datagrams(asyncio.DatagramProtocol):
-    """UDP on this computer alone, until the link carries the messages."""
-
-    def __init__(self, on_message: Callable[[bytes], None], peer_ports: tuple[int, ...]) -> None:
-        self._on_message = on_message
-        self._peers = [(LOOPBACK, port) for port in peer_ports]
-        self._transport: Any = None
-
-    def connection_made(self, transport: Any) -> None:
-        self._transport = transport
-
-    def datagram_received(self, data: bytes, addr: Any) -> None:  # noqa: ARG002 - as asyncio calls it
-        self._on_message(data)
-
-    def error_received(self, exc: Exception) -> None:
-        """A peer that does not listen yet, or any more: the next message may reach it."""
-
-    def send(self, message: bytes) -> None:
-        transport = self._transport
-        # What piles up would be old when it goes out.
-        if transport is None or transport.get_write_buffer_size() > 0:
-            return
-        for peer in self._peers:
-            transport.sendto(message, peer)
-
-
 @asynccontextmanager
-async def in_company(settings: Settings, explorer: Explorer, clock: Clock) -> AsyncIterator[Company | None]:
+async def in_company(
+    settings: Settings, explorer: Explorer, clock: Clock, exchange: Exchange | None
+) -> AsyncIterator[Company | None]:
     """The other vehicles, who hear of this one while the block lasts; None where it flies alone.
 
-    Raises:
-        InputError: its port is taken.
+    Args:
+        settings: the whole configuration.
+        explorer: what flies this vehicle.
+        clock: stamps what arrives.
+        exchange: carries the messages; None where there is no link, and so no other vehicle.
     """
-    fleet = settings.fleet
-    if fleet.number is None:
+    if settings.fleet.number is None or exchange is None:
         yield None
         return
     company = Company(settings, explorer, clock)
-    if fleet.port is None:
-        yield company
-        return
-    try:
-        transport, exchange = await asyncio.get_running_loop().create_datagram_endpoint(
-            lambda: _Datagrams(company.on_message, fleet.peer_ports), local_addr=(LOOPBACK, fleet.port)
-        )
-    except OSError as error:
-        raise InputError(f"fleet.port = {fleet.port}: {error.strerror or error}; give one that is free") from None
+    exchange.fleet = company
     try:
         async with background(company.run(exchange)):
             yield company
     finally:
-        transport.close()
+        exchange.fleet = None

@@ -58,7 +58,7 @@ class GroundLink:
         events: EventEmitter,
         clock: Clock,
     ) -> None:
-        self.client = LinkClient(settings.link, journal, self.obey, self._trouble, clock)
+        self.client = LinkClient(settings.link, journal, self.obey, self._trouble, clock, settings.fleet.number)
         self._mission = settings.mission
         self._period_s = 1.0 / settings.link.telemetry_hz
         self._situation = situation
@@ -96,11 +96,16 @@ class GroundLink:
     async def finish(self) -> None:
         """After the flight: let the ground fetch what is missing of the map, unless a person does not want to wait."""
         self.client.offer(self._situation.telemetry())
-        self._events.emit(Event.LINK_FINISHING)
+        self._tell_finishing()
         try:
-            await self._operator.finish(self.client.finish(), lambda: self._events.emit(Event.LINK_FINISHING))
+            await self._operator.finish(self.client.finish(), self._tell_finishing)
         except UnfinishedError:
             _log.warning("broken off: the ground may not have all of the map; it is whole in the flight's folder")
+
+    def _tell_finishing(self) -> None:
+        # Several vehicles have a link without a ground, too.
+        if math.isfinite(self.client.silent_s):
+            self._events.emit(Event.LINK_FINISHING)
 
     def _watch_silence(self) -> None:
         if not self._phases.phase.steered:

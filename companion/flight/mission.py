@@ -172,7 +172,9 @@ class _Flight:
                 events, self._status_reporter, session.telemetry, mapper, session.flight, session.sink.warnings
             )
             watchers = (recorder.tick, map_feed(mapper), reporter, situation)
-            company = await stack.enter_async_context(in_company(settings, explorer, session.clock))
+            company = await stack.enter_async_context(
+                in_company(settings, explorer, session.clock, None if link is None else link.client)
+            )
             situation.company = company
             control_loop = session.control_loop(explorer, vehicle.send, watchers, company)
             airborne = Airborne(session, self._operator, vehicle, control_loop, mapper, events)

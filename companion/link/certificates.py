@@ -2,20 +2,21 @@
 
 An authority of one's own signs them all; nobody else's is trusted. A certificate's common name is the name and its
 serial number (``anna.3f2a``), so that one that is revoked and one that is made after it can be told apart; its
-organizational unit is the role. What is revoked stands in a list (CRL) that the authority has signed.
+organizational unit is the role; a vehicle's serial number attribute is its number in the fleet. What is revoked stands
+in a list (CRL) that the authority has signed.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal, NamedTuple, Self
 
 from cryptography import x509
-from cryptography.exceptions import InvalidSignature
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
@@ -32,6 +33,9 @@ ISSUED = "issued"
 
 REVOKED_NAME = x509.ObjectIdentifier("2.25.140417553213457790325481098123847561")
 """Of the entry in the list of what is revoked that says whose it was."""
+
+MOST_NUMBER = 255
+"""Of a vehicle, as of `fleet.number`."""
 
 VALID_FOR = timedelta(days=3653)
 VALID_FROM = datetime(1970, 1, 1, tzinfo=UTC)
@@ -78,23 +82,37 @@ class Authority:
         made._write_revoked({})
         return made
 
-    def issue(self, name: str, role: Role, out: Path) -> None:
+    def issue(self, name: str, role: Role, out: Path, number: int | None = None) -> None:
         """A certificate and its key, with all that its owner needs, in a new folder.
 
+        Args:
+            name: of its owner.
+            role: what for.
+            out: the folder.
+            number: of a vehicle in its fleet; None: it flies alone.
+
         Raises:
-            InputError: the name cannot be, is in use, or the folder is not empty or cannot be written.
+            InputError: the name cannot be, name or number are in use, or the folder is not empty or cannot be written.
         """
         if not is_name(name):
             raise InputError(f"{name!r} is no name: 1 to 32 letters, digits, - or _, the first a letter or digit")
-        if any(one.name == name and not one.is_revoked for one in self.issued()):
+        if number is not None and (role != "vehicle" or not 1 <= number <= MOST_NUMBER):
+            raise InputError(f"{name}, number {number}: vehicles are numbered from 1 to {MOST_NUMBER}, and nobody else")
+        valid = [one for one in self.issued() if not one.is_revoked]
+        if any(one.name == name for one in valid):
             raise InputError(f"{name} has a certificate already: revoke that one first, or give another name")
+        for one in valid:
+            if number is not None and one.number == number:
+                raise InputError(f"{one.name} has the number {number} already: give another one, or revoke {one.name}")
         if out.exists() and any(out.iterdir()):
             raise InputError(f"{out}: is not empty; give a new folder")
         key, serial = ec.generate_private_key(ec.SECP256R1()), x509.random_serial_number()
+        numbered = [] if number is None else [x509.NameAttribute(NameOID.SERIAL_NUMBER, str(number))]
         subject = x509.Name(
             [
                 x509.NameAttribute(NameOID.COMMON_NAME, common_name(name, serial)),
                 x509.NameAttribute(NameOID.ORGANIZATIONAL_UNIT_NAME, role),
+                *numbered,
             ]
         )
         both = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
@@ -124,8 +142,8 @@ class Authority:
         found = []
         for path in sorted((self._folder / ISSUED).glob("*.pem")):
             certificate = _certificate(path)
-            name, role = holder(certificate)
-            found.append(Issued(name, role, certificate.serial_number, certificate.serial_number in revoked))
+            serial = certificate.serial_number
+            found.append(Issued(*holder(certificate), serial, serial in revoked))
         return found
 
     def revoke(self, name: str) -> None:
@@ -158,10 +176,11 @@ class Authority:
 
 @dataclass(frozen=True, slots=True)
 class Issued:
-    """A certificate that was made: whose, for what, its number, and whether it is revoked."""
+    """A certificate that was made: whose, for what, a vehicle's number, its serial number, whether it is revoked."""
 
     name: str
     role: str
+    number: int | None
     serial: int
     is_revoked: bool
 
@@ -175,6 +194,7 @@ class Certificates:
     Attributes:
         name: whose.
         role: what for.
+        number: of a vehicle in its fleet; None: it has none.
 
     Raises:
         InputError: something is missing, or does not fit together.
@@ -185,7 +205,7 @@ class Certificates:
         self.authority = _certificate(folder / AUTHORITY_CERTIFICATE)
         self._own = _certificate(folder / OWN_CERTIFICATE)
         self._own_key = _key(folder / OWN_KEY)
-        self.name, self.role = holder(self._own)
+        self.name, self.role, self.number = holder(self._own)
         if self._own.public_key() != self._own_key.public_key():
             raise InputError(f"{folder}: {OWN_KEY} is not the key of {OWN_CERTIFICATE}; give the folder as it was made")
         if not _is_issued(self._own, self.authority):
@@ -216,13 +236,35 @@ class Certificates:
             self._revoked_at = at
         return self._revoked
 
+    @property
+    def certificate_der(self) -> bytes:
+        """One's own, DER: a third smaller."""
+        return self._own.public_bytes(serialization.Encoding.DER)
+
     def sign(self, text: str) -> str:
         """A signature of a text, hexadecimal."""
-        return self._own_key.sign(text.encode(), _SIGNING).hex()
+        return self.sign_bytes(text.encode()).hex()
+
+    def sign_bytes(self, data: bytes) -> bytes:
+        """A signature of some bytes."""
+        return self._own_key.sign(data, _SIGNING)
 
 
-def vehicle_certificates(folder: str, name: str) -> Certificates:
+class Holder(NamedTuple):
+    """Whom a certificate is of: the name, what for, and a vehicle's number in its fleet."""
+
+    name: str
+    role: str
+    number: int | None
+
+
+def vehicle_certificates(folder: str, name: str, number: int | None = None) -> Certificates:
     """Those in ``link.certificates``, which must be of this vehicle.
+
+    Args:
+        folder: where they are.
+        name: of the vehicle.
+        number: in its fleet; None: it flies alone, whatever number its certificate has.
 
     Raises:
         InputError: they are not, or cannot be used.
@@ -233,50 +275,78 @@ def vehicle_certificates(folder: str, name: str) -> Certificates:
             f"link.certificates = {folder}: they are of {found.name} ({found.role}), and link.name = {name} is to be a "
             "vehicle: give its own, or make them with `companion keys vehicle`"
         )
+    if number is not None and found.number != number:
+        theirs = "no number" if found.number is None else f"the number {found.number}"
+        raise InputError(
+            f"fleet.number = {number}, but the certificate in link.certificates = {folder} gives {name} {theirs}, and "
+            f"no other vehicle would believe it: make one with `companion keys vehicle {name} --number {number}`"
+        )
     return found
 
 
-def signed_by(pem: str, text: str, signature: str, trusted: Certificates) -> tuple[str, str]:
-    """Whose certificate it is that a text was signed with, and the role.
+def signed_by(pem: str, text: str, signature: str, trusted: Certificates) -> Holder:
+    """Whose certificate it is that a text was signed with.
 
     Raises:
         InputError: nobody's that is trusted; the message says why.
     """
-    if not pem:
+    try:
+        proof = bytes.fromhex(signature)
+    except ValueError:
+        proof = b""  # nobody's
+    return _signed_by(x509.load_pem_x509_certificate, pem.encode(), text.encode(), proof, trusted)
+
+
+def bytes_signed_by(der: bytes, data: bytes, signature: bytes, trusted: Certificates) -> Holder:
+    """As `signed_by`, of bytes and with a certificate in DER."""
+    return _signed_by(x509.load_der_x509_certificate, der, data, signature, trusted)
+
+
+def _signed_by(
+    load: Callable[[bytes], x509.Certificate], given: bytes, data: bytes, signature: bytes, trusted: Certificates
+) -> Holder:
+    if not given:
         raise InputError("it is not signed")
     try:
-        certificate = x509.load_pem_x509_certificate(pem.encode())
-        name, role = holder(certificate)
-    except ValueError:
+        certificate = load(given)
+        who = holder(certificate)
+    except (ValueError, x509.InvalidVersion, UnsupportedAlgorithm):
         raise InputError("its certificate is none") from None
     if not _is_issued(certificate, trusted.authority):
         raise InputError("its certificate is not of this vehicle's authority")
     if certificate.not_valid_after_utc < datetime.now(UTC):
-        raise InputError(f"the certificate of {name} has expired: make another")
+        raise InputError(f"the certificate of {who.name} has expired: make another")
     if certificate.serial_number in trusted.revoked():
-        raise InputError(f"the certificate of {name} was revoked")
+        raise InputError(f"the certificate of {who.name} was revoked")
     key = certificate.public_key()
     try:
         if not isinstance(key, ec.EllipticCurvePublicKey):
             raise InvalidSignature
-        key.verify(bytes.fromhex(signature), text.encode(), _SIGNING)
+        key.verify(signature, data, _SIGNING)
     except (InvalidSignature, ValueError):
-        raise InputError(f"its signature is not that of {name}") from None
-    return name, role
+        raise InputError(f"its signature is not that of {who.name}") from None
+    return who
 
 
-def holder(certificate: x509.Certificate) -> tuple[str, str]:
-    """Name and role in a certificate.
+def holder(certificate: x509.Certificate) -> Holder:
+    """Whom a certificate is of.
 
     Raises:
         InputError: it is none of ours.
     """
-    names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
-    roles = certificate.subject.get_attributes_for_oid(NameOID.ORGANIZATIONAL_UNIT_NAME)
-    name, role = str(names[0].value if names else "").partition(".")[0], str(roles[0].value if roles else "")
-    if not is_name(name) or role not in ("vehicle", "watch", "command"):
+    name, role, number = (
+        _attribute(certificate, oid)
+        for oid in (NameOID.COMMON_NAME, NameOID.ORGANIZATIONAL_UNIT_NAME, NameOID.SERIAL_NUMBER)
+    )
+    name = name.partition(".")[0]
+    if not is_name(name) or role not in ("vehicle", "watch", "command") or not (number or "0").isdecimal():
         raise InputError("a certificate names nobody of the link: make it with `companion keys`")
-    return name, role
+    return Holder(name, role, int(number) if number else None)
+
+
+def _attribute(certificate: x509.Certificate, oid: x509.ObjectIdentifier) -> str:
+    found = certificate.subject.get_attributes_for_oid(oid)
+    return str(found[0].value) if found else ""
 
 
 def common_name(name: str, serial: int) -> str:
@@ -287,7 +357,7 @@ def common_name(name: str, serial: int) -> str:
 def _is_issued(certificate: x509.Certificate, authority: x509.Certificate) -> bool:
     try:
         certificate.verify_directly_issued_by(authority)
-    except (ValueError, TypeError, InvalidSignature):
+    except (ValueError, TypeError, InvalidSignature, UnsupportedAlgorithm):
         return False
     return True
 

@@ -98,6 +98,16 @@ def command_topic(vehicle: str) -> str:
     return f"{_PREFIX}/{vehicle}/command"
 
 
+def fleet_topic(vehicle: str) -> str:
+    """Where a vehicle tells the others where it is; of all vehicles with ``*``."""
+    return f"{_PREFIX}/{vehicle}/fleet"
+
+
+def vehicle_of(topic: str) -> str:
+    """Whose topic it is."""
+    return topic.removeprefix(f"{_PREFIX}/").partition("/")[0]
+
+
 def map_topic(vehicle: str) -> str:
     """Where a vehicle is asked for its map."""
     return f"{_PREFIX}/{vehicle}/map"

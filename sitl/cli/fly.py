@@ -7,14 +7,21 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import typer
 
 from companion.errors import CompanionError, InputError
 from sitl.cli.mesh_options import DEFAULT_CLOUD_VOXEL_M, CloudVoxel, Scale, UpAxis
 from sitl.launch.fleet import Seat, seats
-from sitl.launch.processes import Crew, FlightPlan, free_udp_ports, run_all_to_their_ends, run_to_its_end
+from sitl.launch.processes import (
+    Crew,
+    FlightPlan,
+    free_tcp_ports,
+    free_udp_ports,
+    run_all_to_their_ends,
+    run_to_its_end,
+)
 from sitl.launch.real import find
 from sitl.mines.placing import Reading
 
@@ -67,8 +74,9 @@ def fly(
         raise InputError(f"--vehicles {vehicles}: --real flies one; several real ones need a network each")
     reading = Reading(scale, up, cloud_voxel)
     # Whether there is room for them is known before anything is written.
-    ports = free_udp_ports(2 * vehicles)
-    places = () if vehicles == 1 else seats(world, reading, seed, "flight", ports[:vehicles], ports[vehicles:])
+    places: tuple[Seat, ...] = ()
+    if vehicles > 1:
+        places = seats(world, reading, seed, "flight", _endpoints(link, vehicles), free_udp_ports(vehicles))
     gps = "nogps" if no_gps else "gps"
     with new_folder(default_folder(f"{personality}-{gps}") if out is None else out) as folder:
         pass
@@ -86,7 +94,7 @@ def fly(
         settings=None if link is None else {"link": {"enabled": True, "listen": [link]}},
     )
     if vehicles > 1:
-        _fly_several(plan, places, link)
+        _fly_several(plan, places)
         return
     typer.echo("starting the autopilot and the world (the first time on a computer takes about a minute)")
     with Crew(plan) as crew:
@@ -111,28 +119,28 @@ def fly(
         raise FlightFailedError("the vehicle touched a wall")
 
 
-def _link_of(endpoint: str, number: int) -> dict[str, dict[str, Any]]:
-    """The settings of one of several vehicles: it is ``vehicle-K``, and listens K - 1 ports above that one.
+def _endpoints(first: str | None, vehicles: int) -> list[str]:
+    """Where the links of several vehicles listen: from a port on, or anywhere on loopback.
 
     Raises:
         InputError: there is no port in it.
     """
-    place, _, port = endpoint.rpartition(":")
+    if first is None:
+        return [f"tcp/127.0.0.1:{port}" for port in free_tcp_ports(vehicles)]
+    place, _, port = first.rpartition(":")
     if not port.isdecimal():
-        raise InputError(f"--link {endpoint}: it ends in no port, such as tcp/127.0.0.1:7447")
-    here = f"{place}:{int(port) + number - 1}"
-    return {"link": {"enabled": True, "name": f"vehicle-{number}", "listen": [here]}}
+        raise InputError(f"--link {first}: it ends in no port, such as tcp/127.0.0.1:7447")
+    return [f"{place}:{int(port) + k}" for k in range(vehicles)]
 
 
-def _fly_several(plan: FlightPlan, places: Sequence[Seat], link: str | None) -> None:
+def _fly_several(plan: FlightPlan, places: Sequence[Seat]) -> None:
     """Fly several vehicles at once, each with its processes and a folder ``vehicle-K``."""
     typer.echo(f"starting {len(places)} autopilots and worlds (the first time on a computer takes about a minute)")
     crews = []
     for seat in places:
         folder = plan.folder / f"vehicle-{seat.number}"
         folder.mkdir()
-        settings = None if link is None else _link_of(link, seat.number)
-        crews.append(Crew(replace(plan, folder=folder, seat=seat, settings=settings)))
+        crews.append(Crew(replace(plan, folder=folder, seat=seat, settings=None)))
     with ExitStack() as stack:
         for crew in crews:
             stack.enter_context(crew)

@@ -24,24 +24,30 @@ class Seat:
         number: of it, from 1.
         start: where it hovers after take-off, in the mine.
         stand_z_m: z of the middle of its body before.
-        ports: on which the applications hear each other, of all vehicles in their order.
+        endpoints: at which the links of the applications listen, of all vehicles in their order.
         world_ports: on which their worlds do.
     """
 
     number: int
     start: Pose
     stand_z_m: float
-    ports: tuple[int, ...]
+    endpoints: tuple[str, ...]
     world_ports: tuple[int, ...]
 
-    def settings(self) -> dict[str, Any]:
-        """The section `fleet` of its application."""
-        start = self.start
+    def settings(self) -> dict[str, dict[str, Any]]:
+        """The sections `fleet` and `link` of its application: each connects to those before it."""
+        start, before = self.start, self.number - 1
         return {
-            "number": self.number,
-            "start_pose": [start.x_m, start.y_m, self.stand_z_m, start.yaw_rad],
-            "port": self.ports[self.number - 1],
-            "peer_ports": [port for port in self.ports if port != self.ports[self.number - 1]],
+            "fleet": {
+                "number": self.number,
+                "start_pose": [start.x_m, start.y_m, self.stand_z_m, start.yaw_rad],
+            },
+            "link": {
+                "enabled": True,
+                "name": f"vehicle-{self.number}",
+                "listen": [self.endpoints[before]],
+                "connect": list(self.endpoints[:before]),
+            },
         }
 
     def start_options(self) -> tuple[str, ...]:
@@ -61,15 +67,15 @@ class Seat:
 
 
 def seats(
-    world: str, reading: Reading, seed: int, preset: str, ports: list[int], world_ports: list[int]
+    world: str, reading: Reading, seed: int, preset: str, endpoints: list[str], world_ports: list[int]
 ) -> tuple[Seat, ...]:
-    """As many vehicles as there are ports, where `companion sim --vehicles` starts them with the same seed.
+    """As many vehicles as there are endpoints, where `companion sim --vehicles` starts them with the same seed.
 
     Raises:
         InputError: no such world, no room for them to start, or more than can meet in one group.
     """
     settings = load_settings(None, preset)
-    vehicles, most = len(ports), settings.fleet.largest_group
+    vehicles, most = len(endpoints), settings.fleet.largest_group
     if vehicles > most:
         raise InputError(
             f"--vehicles {vehicles}: fleet.largest_group = {most} is the most that the height layers are for"
@@ -79,6 +85,6 @@ def seats(
     starts = start_poses(mine, RayCaster(mine), settings, vehicles, np.random.default_rng(to_start))
     half_m = settings.vehicle.body_height_m / 2.0
     return tuple(
-        Seat(number, start, start.z_m - settings.control.height_m + half_m, tuple(ports), tuple(world_ports))
+        Seat(number, start, start.z_m - settings.control.height_m + half_m, tuple(endpoints), tuple(world_ports))
         for number, start in enumerate(starts, start=1)
     )

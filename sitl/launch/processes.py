@@ -139,7 +139,7 @@ class Crew:
         }
         if plan.seat is not None:
             own["autopilot"]["system_id"] = plan.seat.number
-            own["fleet"] = plan.seat.settings()
+            own |= plan.seat.settings()
         return write_settings(self.config, plan.preset, own, plan.settings or {})
 
     def _autopilot(self, settings: Settings) -> Program:
@@ -215,8 +215,14 @@ def free_udp_ports(count: int) -> list[int]:
 
 def free_tcp_port() -> int:
     """A port that nobody listens on now."""
+    (port,) = free_tcp_ports(1)
+    return port
+
+
+def free_tcp_ports(count: int) -> list[int]:
+    """As `free_udp_ports`, of TCP."""
     with contextlib.ExitStack() as stack:
-        return _bound(stack, socket.SOCK_STREAM)
+        return [_bound(stack, socket.SOCK_STREAM) for _ in range(count)]
 
 
 def _bound(stack: contextlib.ExitStack, kind: socket.SocketKind) -> int:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-import socket
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from companion.clock import MonotonicClock
 from companion.config.load import load
 from companion.config.settings import Settings
 from companion.config.vary import vary
@@ -17,6 +15,7 @@ from companion.control.fleet import MOST_VEHICLES, Report
 from companion.errors import InputError
 from companion.flight.company import Company, frame_at, in_company
 from companion.link.fleet_messages import FleetMessage, decode
+from companion.link.vehicle.client import FleetListener
 from companion.model import Pose
 from companion.pipeline import Explorer
 from tests.shared.beside import until
@@ -28,10 +27,10 @@ OWN = {1: Pose(0.0, 0.0, 0.0, 0.15, 0.0), 2: Pose(0.0, 3.0, -4.0, 1.15, 0.4)}
 """Where they stand by their own autopilots."""
 
 
-def settings_of(number: int, **fleet: object) -> Settings:
-    values = {"number": number, "start_pose": STARTS[number], **fleet}
+def settings_of(number: int) -> Settings:
     base = load(None, "flight").settings
-    return vary(base, {f"fleet.{name}": value for name, value in values.items()}, lambda name: name)
+    values = {"fleet.number": number, "fleet.start_pose": STARTS[number], "link.enabled": True}
+    return vary(base, values, lambda name: name)
 
 
 def company_of(number: int, clock: HandClock) -> Company:
@@ -161,63 +160,44 @@ def test_a_pose_that_is_no_number_tells_nothing_new() -> None:
     assert decode(told(one)).report.t_s == 1.0
 
 
+class Others:
+    """In the place of the link: what is told, and whom to tell."""
+
+    def __init__(self) -> None:
+        self.fleet: FleetListener | None = None
+        self.told: list[tuple[bytes, bool]] = []
+
+    def listener(self) -> FleetListener | None:
+        return self.fleet
+
+    def tell_others(self, message: bytes, *, with_ground: bool) -> None:
+        self.told.append((message, with_ground))
+
+
 async def test_alone_there_is_no_company() -> None:
     """Nothing is opened, nothing is told."""
-    settings = load(None, "flight").settings
-    async with in_company(settings, Explorer(settings, np.random.default_rng(1)), HandClock()) as company:
+    settings, others = load(None, "flight").settings, Others()
+    async with in_company(settings, Explorer(settings, np.random.default_rng(1)), HandClock(), others) as company:
         assert company is None
+        assert others.listener() is None
 
 
-async def test_they_hear_each_other_over_datagrams() -> None:
-    """The whole way over two ports of this computer."""
-    ports = _free_ports(2)
-    found = []
-    clock = MonotonicClock()
-    one, two = (settings_of(1 + k, port=ports[k], peer_ports=[ports[1 - k]]) for k in range(2))
-    async with (
-        in_company(one, Explorer(one, np.random.default_rng(1)), clock) as first,
-        in_company(two, Explorer(two, np.random.default_rng(2)), clock) as second,
-    ):
-        assert first is not None
-        assert second is not None
-        for company in (first, second):
-            stand(company, clock.now_s(), flies=False)
-        await until(lambda: first.others() and second.others(), "a report of each other")
-        found = [*first.others(), *second.others()]
-    assert found == [2, 1]
+async def test_it_is_told_while_the_block_lasts() -> None:
+    """Where it is five times a second, the ground each two seconds; what the link refuses is in the summary."""
+    clock, others = HandClock(), Others()
+    settings = settings_of(1)
+    async with in_company(settings, Explorer(settings, np.random.default_rng(1)), clock, others) as company:
+        assert company is not None
+        assert others.listener() is company
+        stand(company, clock.now_s(), flies=False)
+        await until(lambda: len(others.told) >= 20, "messages of four seconds")
+        company.on_refused(3, "it is not signed")
+    assert others.listener() is None
+    assert [with_ground for _, with_ground in others.told[:20]].count(True) == 2
+    assert company.summary()["refused"] == 3
 
 
-async def test_a_port_that_is_taken_is_told() -> None:
-    """With the setting, the port and what to do."""
-    (port,) = _free_ports(1)
-    settings = settings_of(1, port=port)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        other.bind(("127.0.0.1", port))
-        with pytest.raises(InputError, match=rf"fleet.port = {port}: .*; give one that is free"):
-            async with in_company(settings, Explorer(settings, np.random.default_rng(1)), HandClock()):
-                raise AssertionError
-
-
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        ({"fleet.port": 5000}, "need a number"),
-        ({"fleet.peer_ports": [5000]}, "need a number"),
-        ({"fleet.number": 1, "fleet.port": 5000, "fleet.peer_ports": [5000]}, "hear itself"),
-    ],
-    ids=str,
-)
-def test_settings_that_cannot_be_meant_are_refused(values: dict[str, object], words: str) -> None:
-    """With both settings named."""
-    with pytest.raises(InputError, match=words):
-        vary(load(None, "flight").settings, values, lambda name: name)
-
-
-def _free_ports(count: int) -> list[int]:
-    sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
-    for one in sockets:
-        one.bind(("127.0.0.1", 0))
-    ports = [one.getsockname()[1] for one in sockets]
-    for one in sockets:
-        one.close()
-    return ports
+def test_a_number_without_a_link_is_refused() -> None:
+    """It would fly among others that it neither hears nor is heard by; both settings are named."""
+    with pytest.raises(InputError, match=r"fleet.number = 2, but link.enabled = false"):
+        vary(load(None, "flight").settings, {"fleet.number": 2}, lambda name: name)

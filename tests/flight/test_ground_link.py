@@ -34,6 +34,12 @@ class Silent:
 
     silent_s = 0.0
 
+    def offer(self, _telemetry: Telemetry) -> None:
+        """It goes nowhere."""
+
+    async def finish(self) -> None:
+        """At once."""
+
 
 class Mapper:
     """In the place of the map."""
@@ -161,3 +167,12 @@ def test_warnings_are_told_for_a_while() -> None:
     assert rig.situation.telemetry().warnings == ("gate: brake: depth_stale",)
     rig.clock.advance(WARN_S + 1.0)
     assert rig.situation.telemetry().warnings == ()
+
+
+@pytest.mark.parametrize(("silent_s", "told"), [(math.inf, 0), (3.0, 1)])
+async def test_only_a_ground_that_was_heard_is_said_to_fetch_the_map(silent_s: float, told: int) -> None:
+    """Vehicles that have the link for each other end without a word of it."""
+    rig = Rig()
+    rig.silence.silent_s = silent_s
+    await rig.link.finish()
+    assert [event for event, _ in rig.told] == [Event.LINK_FINISHING] * told

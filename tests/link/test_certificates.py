@@ -31,7 +31,7 @@ def authority(tmp_path: Path) -> Authority:
 
 def test_a_signature_says_who_and_what_for(tmp_path: Path, authority: Authority) -> None:
     vehicle, anna = Certificates(tmp_path / "drone1"), Certificates(tmp_path / "anna")
-    assert signed_by(anna.certificate, "stop", anna.sign("stop"), vehicle) == ("anna", "command")
+    assert signed_by(anna.certificate, "stop", anna.sign("stop"), vehicle) == ("anna", "command", None)
     for pem, text, signature, why in (
         (anna.certificate, "land", anna.sign("stop"), "not that of anna"),
         (anna.certificate, "stop", vehicle.sign("stop"), "not that of anna"),
@@ -66,7 +66,7 @@ def test_who_is_revoked_counts_at_once_and_a_new_certificate_of_the_same_name_is
         signed_by(anna.certificate, "stop", anna.sign("stop"), vehicle)
     authority.issue("anna", "watch", tmp_path / "again")
     again = Certificates(tmp_path / "again")
-    assert signed_by(again.certificate, "stop", again.sign("stop"), vehicle) == ("anna", "watch")
+    assert signed_by(again.certificate, "stop", again.sign("stop"), vehicle) == ("anna", "watch", None)
     assert [one.is_revoked for one in authority.issued() if one.name == "anna"].count(True) == 1
     with pytest.raises(InputError, match="nobody called bob"):
         authority.revoke("bob")

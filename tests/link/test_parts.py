@@ -9,6 +9,7 @@ import pytest
 from companion.link.drawing import Drawing, read_drawing
 from companion.link.vehicle.bandwidth import OVERHEAD_BYTES, Bandwidth
 from companion.link.vehicle.listeners import GONE_S, Listeners
+from companion.link.vehicle.pipe import Kind, pair, receive, send
 from companion.link.wire import Report, WireError, decoded, encoded
 from companion.link.words import Telemetry
 from tests.shared.graphs import small_graph
@@ -51,6 +52,19 @@ def test_listeners_who_are_there_are_waited_for() -> None:
     assert listeners.have_all(30.0)
     listeners.there_is_more()
     assert not listeners.have_all(30.0)
+
+
+def test_what_was_sent_before_an_end_was_closed_is_received() -> None:
+    """Also when that end had something unread, as a process has that ends while it loads and says why."""
+    ours, theirs = pair()
+    send(ours, Kind.TELEMETRY, b"unread")
+    send(theirs, Kind.TROUBLE, b"why")
+    theirs.close()
+    assert receive(ours) == (Kind.TROUBLE, b"why")
+    with pytest.raises(EOFError):
+        receive(ours)
+    assert not send(ours, Kind.TELEMETRY)
+    ours.close()
 
 
 def test_listeners_are_bounded() -> None:

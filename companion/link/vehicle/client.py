@@ -15,7 +15,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 from companion.clock import Clock, MonotonicClock
 from companion.config.link import LinkSettings
@@ -41,6 +41,18 @@ Obey = Callable[[Command, str], Answer]
 """Does what an operator, whose name comes second, has ordered; what became of it."""
 
 
+class FleetListener(Protocol):
+    """What is given what other vehicles tell; it takes no longer than a tick may."""
+
+    def on_message(self, data: bytes) -> None:
+        """A message of one."""
+        ...
+
+    def on_refused(self, count: int, why: str) -> None:
+        """So many were not let through, and why the last one."""
+        ...
+
+
 class LinkClient:
     """The link in a process of its own; an asynchronous context manager, which waits for nothing when it begins.
 
@@ -50,9 +62,11 @@ class LinkClient:
         obey: is given each command that may be obeyed; takes no longer than a tick may.
         tell: is given what operator and recording should know: commands that were refused, and what is wrong.
         clock: for the age of the ground.
+        number: of this vehicle in its fleet; None: it flies alone.
 
     Attributes:
         restarts: how often its process was started again.
+        fleet: is given what other vehicles tell; what comes before there is one is lost.
     """
 
     def __init__(
@@ -62,8 +76,11 @@ class LinkClient:
         obey: Obey,
         tell: Callable[[str], None],
         clock: Clock | None = None,
+        number: int | None = None,
     ) -> None:
         self.restarts = 0
+        self.fleet: FleetListener | None = None
+        self._number = number
         self._settings = settings
         self._journal = journal.absolute()
         self._obey = obey
@@ -85,7 +102,7 @@ class LinkClient:
             InputError: the certificates cannot be used: nobody should take off with a link that can never be.
         """
         if self._settings.certificates is not None:
-            await asyncio.to_thread(_check, self._settings.certificates, self._settings.name)
+            await asyncio.to_thread(_check, self._settings.certificates, self._settings.name, self._number)
         self._task = asyncio.create_task(self._keep_running())
         return self
 
@@ -105,6 +122,11 @@ class LinkClient:
         """Give the newest telemetry, which goes out if there is room for it."""
         if self._end is not None:
             send(self._end, Kind.TELEMETRY, encoded(telemetry))
+
+    def tell_others(self, message: bytes, *, with_ground: bool) -> None:
+        """Give the newest for the other vehicles, which goes out if there is room for it."""
+        if self._end is not None:
+            send(self._end, Kind.FLEET_GROUND if with_ground else Kind.FLEET, message)
 
     async def draw(self, drawing: Drawing) -> None:
         """Give graph and frontiers; they are made into bytes in a thread. What is too large does not go over."""
@@ -140,7 +162,7 @@ class LinkClient:
         """Start the process, take what it sends, and return when it is gone or hangs."""
         end, theirs = pair()
         self._gone.clear()
-        arguments = (theirs, self._settings, self._journal)
+        arguments = (theirs, self._settings, self._journal, self._number)
         process = self._context.Process(target=_serve, args=arguments, name="link", daemon=True)
         try:
             # In a thread: starting takes tens of milliseconds.
@@ -153,7 +175,7 @@ class LinkClient:
         loop = asyncio.get_running_loop()
         self._beat_s = self._clock.now_s() + LOADING_S - HUNG_S
         self._end = end
-        loop.add_reader(end.fileno(), self._drain, end)
+        loop.add_reader(end.fileno(), self._take_one, end)
         try:
             while not self._gone.is_set() and self._clock.now_s() - self._beat_s < HUNG_S:
                 with suppress(TimeoutError):
@@ -173,9 +195,10 @@ class LinkClient:
                 _log.error("the process of the link %s; the flight goes on", what)
             process.close()
 
-    def _drain(self, end: socket.socket) -> None:
+    def _take_one(self, end: socket.socket) -> None:
+        # One of them: before the next the loop that steers has its turn.
         try:
-            while (packet := receive(end)) is not None:
+            if (packet := receive(end)) is not None:
                 self._on_packet(end, *packet)
         except EOFError:
             asyncio.get_running_loop().remove_reader(end.fileno())
@@ -190,6 +213,13 @@ class LinkClient:
             case Kind.BEAT:
                 self._beat_s = self._clock.now_s()
                 self._heard_s = max(self._heard_s, self._beat_s - float(data))
+            case Kind.FLEET:
+                if self.fleet is not None:
+                    self.fleet.on_message(data)
+            case Kind.FLEET_REFUSED:
+                count, _, why = data.decode().partition(" ")
+                if self.fleet is not None:
+                    self.fleet.on_refused(int(count), why)
             case Kind.REFUSED:
                 self._tell(f"a command was refused: {data.decode()}")
             case Kind.TROUBLE:
@@ -201,11 +231,11 @@ class LinkClient:
                 raise WireError(f"the process of the link sent what only the application sends: {kind.name}")
 
 
-def _check(folder: str, name: str) -> None:
+def _check(folder: str, name: str, number: int | None) -> None:
     # Loaded where certificates are used.
     from companion.link.certificates import vehicle_certificates
 
-    vehicle_certificates(folder, name)
+    vehicle_certificates(folder, name, number)
 
 
 def _serve(*arguments: Any) -> None:

@@ -40,7 +40,7 @@ def by_certificate(certificates: Certificates, commanders: Collection[str]) -> P
 
     def proof(signed: SignedOrder) -> str:
         try:
-            name, role = signed_by(signed.certificate, signed.order, signed.signature, certificates)
+            name, role, _ = signed_by(signed.certificate, signed.order, signed.signature, certificates)
         except InputError as error:
             raise RefusedError(str(error)) from None
         if role != "command":

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import enum
+import fcntl
 import socket
+import struct
+import termios
 from contextlib import suppress
 
 PACKET_BYTES = 200_000
@@ -29,6 +32,12 @@ class Kind(enum.IntEnum):
     """Up, twice a second: how long ago the ground was heard, in s; "inf" before."""
     TROUBLE = 8
     """Up: what is wrong with the link, in words; empty: nothing any more."""
+    FLEET = 9
+    """Both ways: what one vehicle tells the others."""
+    FLEET_GROUND = 10
+    """Down: likewise, with what it has seen of the ground, which is larger and may be later."""
+    FLEET_REFUSED = 11
+    """Up: how many more messages of other vehicles were refused, a space, and why the last one."""
 
 
 def pair() -> tuple[socket.socket, socket.socket]:
@@ -50,6 +59,12 @@ def send(end: socket.socket, kind: Kind, data: bytes = b"") -> bool:
     return True
 
 
+def unread_bytes(end: socket.socket) -> int:
+    """What was sent and not received yet, with what the system needs to keep it."""
+    (count,) = struct.unpack("i", fcntl.ioctl(end, termios.TIOCOUTQ, bytes(4)))
+    return int(count)
+
+
 def receive(end: socket.socket) -> tuple[Kind, bytes] | None:
     """The next packet of those that have come; None when there is none.
 
@@ -60,7 +75,8 @@ def receive(end: socket.socket) -> tuple[Kind, bytes] | None:
         try:
             data = end.recv(PACKET_BYTES + 1, socket.MSG_DONTWAIT)
         except ConnectionResetError:
-            data = b""
+            # Told once, when the other end was closed with something unread; what it had sent before comes after that.
+            data = end.recv(PACKET_BYTES + 1, socket.MSG_DONTWAIT)
         if not data:
             raise EOFError
         return Kind(data[0]), data[1:]

@@ -1,5 +1,7 @@
 """The process of the link: tells the ground how the flight stands, answers about the map, and takes commands.
 
+It carries what vehicles tell each other, too.
+
 Three threads: this one speaks with the application; Zenoh's own hand over what comes, and a command goes on to the
 application from there at once, before everything else; one answers about the map, as fast as the limit of bandwidth
 lets it.
@@ -30,6 +32,8 @@ from companion.link.certificates import vehicle_certificates
 from companion.link.map_wire import answer, read_ask
 from companion.link.session import close_session, open_session
 from companion.link.vehicle.bandwidth import Bandwidth
+from companion.link.vehicle.fleet_guard import FleetGuard
+from companion.link.vehicle.fleet_post import FleetPost
 from companion.link.vehicle.guard import CommandGuard, RefusedError, by_certificate, by_its_word
 from companion.link.vehicle.listeners import Listeners
 from companion.link.vehicle.map_teller import MapTeller
@@ -76,14 +80,14 @@ MOST_WAY = 50_000
 _log = logging.getLogger(__name__)
 
 
-def serve(end: socket.socket, settings: LinkSettings, journal: Path) -> None:
+def serve(end: socket.socket, settings: LinkSettings, journal: Path, number: int | None) -> None:
     """Be the link until the application ends it, or is gone."""
     ignore_the_terminal()
     end_with_parent(None)
     os.nice(LINK_NICENESS)
     logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     try:
-        process = LinkProcess(end, settings, journal)
+        process = LinkProcess(end, settings, journal, number)
     except CompanionError as error:
         send(end, Kind.TROUBLE, str(error).encode())
         end.close()
@@ -101,18 +105,20 @@ class LinkProcess:
         end: of the socket pair, to the application.
         settings: of the link.
         journal: folder of the map's journal.
+        number: of the vehicle in its fleet; None: it flies alone.
 
     Raises:
         LinkError: the session cannot be opened.
     """
 
-    def __init__(self, end: socket.socket, settings: LinkSettings, journal: Path) -> None:
+    def __init__(self, end: socket.socket, settings: LinkSettings, journal: Path, number: int | None = None) -> None:
         self._end = end
         self._settings = settings
         self._clock = MonotonicClock()
         self._session_id = secrets.token_hex(8)
         self._teller = MapTeller(self._session_id, journal, self._clock)
-        given = None if settings.certificates is None else vehicle_certificates(settings.certificates, settings.name)
+        folder, name = settings.certificates, settings.name
+        given = None if folder is None else vehicle_certificates(folder, name, number)
         proof = by_its_word if given is None else by_certificate(given, settings.commanders)
         self._guard = CommandGuard(settings.name, self._session_id, settings.oldest_command_s, proof)
         self._bandwidth = Bandwidth(settings.limit_kbps, self._clock.now_s())
@@ -130,7 +136,10 @@ class LinkProcess:
         self._has_read_all = False
         """Whether the journal was read to its end after the flight."""
         self._zenoh = open_session(settings.listen, settings.connect, given)
-        name = settings.name
+        self._fleet: FleetPost | None = None
+        if number is not None:
+            guard = FleetGuard(name, number, self._session_id, given)
+            self._fleet = FleetPost(self._zenoh, end, name, guard, self._take, self._bandwidth.bytes_per_s, self._clock)
         self._publisher = self._zenoh.declare_publisher(
             telemetry_topic(name),
             congestion_control=zenoh.CongestionControl.DROP,
@@ -152,12 +161,16 @@ class LinkProcess:
                     self._on_packet(*packet)
             except EOFError:
                 return
+            if self._fleet is not None:
+                self._fleet.step()
             self._give_up_late(now_s)
             if now_s >= self._next_beat_s:
                 self._next_beat_s = now_s + BEAT_PERIOD_S
                 with self._guarded:
                     silent_s = self._listeners.silent_s(now_s)
                 send(self._end, Kind.BEAT, f"{silent_s:.2f}".encode())
+                if self._fleet is not None:
+                    self._fleet.tell_refused()
             if self._end_s is not None and self._is_over(now_s):
                 return
 
@@ -178,6 +191,8 @@ class LinkProcess:
         match kind:
             case Kind.TELEMETRY:
                 self._publish(data)
+            case Kind.FLEET | Kind.FLEET_GROUND if self._fleet is not None:
+                self._fleet.offer(data, with_ground=kind is Kind.FLEET_GROUND)
             case Kind.DRAWING:
                 if (drawing := zlib.decompress(data)) != self._teller.drawing:
                     self._teller.drawing = drawing
@@ -196,12 +211,15 @@ class LinkProcess:
         if now_s < self._next_telemetry_s:
             return
         message = encoded(Report(self._session_id, now_s, self._teller.map, self._drawing, telemetry))
-        with self._guarded:
-            self._bandwidth.take(len(message), now_s)
+        self._take(len(message))
         slowest_s = len(message) / (TELEMETRY_SHARE * self._bandwidth.bytes_per_s)
         # A little less than the period: what comes a moment early must not be left out.
         self._next_telemetry_s = now_s + max(0.9 / self._settings.telemetry_hz, slowest_s)
         self._publisher.put(message)
+
+    def _take(self, size_bytes: int) -> None:
+        with self._guarded:
+            self._bandwidth.take(size_bytes, self._clock.now_s())
 
     def _follow_way(self, telemetry: Telemetry) -> None:
         if telemetry.x_m is None or telemetry.y_m is None or telemetry.z_m is None:
@@ -257,8 +275,7 @@ class LinkProcess:
 
     def _answer(self, query: zenoh.Query, reply: Answer) -> None:
         message = encoded(reply)
-        with self._guarded:
-            self._bandwidth.take(len(message), self._clock.now_s())
+        self._take(len(message))
         with query:
             query.reply(command_topic(self._settings.name), message, express=True)
 

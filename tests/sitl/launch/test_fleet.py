@@ -17,12 +17,12 @@ from sitl.launch.processes import Crew, FlightPlan
 from sitl.mines.placing import Reading
 from sitl.world.placement import Scene
 
-PORTS, WORLD_PORTS = [5001, 5002, 5003], [6001, 6002, 6003]
+ENDPOINTS, WORLD_PORTS = [f"tcp/127.0.0.1:{port}" for port in (5001, 5002, 5003)], [6001, 6002, 6003]
 
 
 @pytest.fixture(scope="module")
 def three() -> tuple[Seat, ...]:
-    return seats("complex", Reading(), 2, "flight", PORTS, WORLD_PORTS)
+    return seats("complex", Reading(), 2, "flight", ENDPOINTS, WORLD_PORTS)
 
 
 def test_each_stands_where_its_application_is_told(three: tuple[Seat, ...], tmp_path: Path) -> None:
@@ -34,8 +34,11 @@ def test_each_stands_where_its_application_is_told(three: tuple[Seat, ...], tmp_
         stand = Scene.load("complex", 2, (x_m, y_m, z_m, yaw_rad), settings).stand
         assert settings.fleet.start_pose == pytest.approx((stand.x_m, stand.y_m, stand.z_m, stand.yaw_rad), abs=1e-3)
         assert (settings.fleet.number, settings.autopilot.system_id) == (seat.number, seat.number)
-        assert settings.fleet.port == PORTS[seat.number - 1]
-        assert set(settings.fleet.peer_ports) == set(PORTS) - {settings.fleet.port}
+        assert settings.link.enabled
+        assert settings.link.name == f"vehicle-{seat.number}"
+        assert settings.link.listen == (ENDPOINTS[seat.number - 1],)
+        # Each pair has one connection.
+        assert settings.link.connect == tuple(ENDPOINTS[: seat.number - 1])
         assert json.loads(crew.config.read_text(encoding="utf-8"))["preset"] == "flight"
 
 
@@ -69,4 +72,4 @@ def test_several_real_autopilots_are_refused(tmp_path: Path, capsys: pytest.Capt
 def test_more_than_can_meet_are_refused() -> None:
     """By the name of the setting."""
     with pytest.raises(InputError, match=r"fleet.largest_group = 3"):
-        seats("complex", Reading(), 2, "flight", [*PORTS, 5004], [*WORLD_PORTS, 6004])
+        seats("complex", Reading(), 2, "flight", [*ENDPOINTS, "tcp/127.0.0.1:5004"], [*WORLD_PORTS, 6004])
