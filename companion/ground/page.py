@@ -164,7 +164,7 @@ class GroundPage:
             self.view = ViewControls(self.server, self._whole, self._around_chosen)
         with tabs.add_tab("Map", viser.Icon.RULER_MEASURE):
             self.measuring = Measuring(self.server, self._seen)
-            Downloads(self.server, self.chosen)
+            self._downloads = Downloads(self.server, self._station.vehicles, self.chosen)
             self._facts = gui.add_markdown("")
         self._chooser.on_click(lambda event: self.choose(str(event.target.value)))
 
@@ -181,6 +181,7 @@ class GroundPage:
         if new:
             self._chooser.options = tuple(vehicle.name for vehicle in vehicles)
             self._chooser.visible = len(vehicles) > 1
+            self._downloads.offer_all(len(vehicles) > 1)
 
     def _choosing(self, name: str) -> Callable[[object], None]:
         return lambda _: self.choose(name)

@@ -181,6 +181,8 @@ def test_the_map_is_downloaded(window: Browser, tmp_path_factory: pytest.TempPat
 
     assert soon(lambda: bool(files()) and files()[0].stat().st_size > 1000)
     assert files()[0].read_bytes().startswith(b"ply\n")
+    window.click("Download one map of all")
+    window.wait_for_text("no vehicle has a map and has said where it lies")
 
 
 @pytest.mark.long

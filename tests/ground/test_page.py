@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,12 +14,17 @@ from sitl.launch.processes import free_tcp_port
 
 pytest.importorskip("viser", reason="pip install mine-companion[ground]")
 
-from companion.errors import InputError
+from companion.config.mapping import MapSettings
+from companion.errors import CompanionError, InputError
 from companion.ground.commanding import offered
-from companion.ground.downloads import file_name, map_file
+from companion.ground.downloads import file_name, map_file, whole_file_of
 from companion.ground.page import GroundPage, serve
+from companion.ground.whole_map import NoWholeMapError
 from companion.link.words import Answer, Command
-from companion.mapping.files import FORMATS
+from companion.mapping import VoxelMap
+from companion.mapping.files import FORMATS, open_map
+from companion.mapping.voxels.chunks import EDGE, OFFSETS
+from companion.mapping.voxels.piece import MapSource
 from tests.ground.fakes import FakeStation, FakeVehicle, telling
 
 
@@ -206,6 +212,67 @@ def test_what_makes_no_sense_cannot_be_pressed() -> None:
 def test_the_map_can_be_had_in_each_format(vehicle: FakeVehicle, format_: str) -> None:
     """Protects the download."""
     assert len(map_file(vehicle, format_)) > 500
+
+
+def occupied_in(path: Path) -> set[tuple[int, ...]]:
+    """The voxels with a point in them."""
+    return {
+        tuple((np.array(chunk) * EDGE + OFFSETS[place]).tolist())
+        for piece in open_map(path).pieces()
+        for chunk, values in zip(piece.chunks.tolist(), piece.values, strict=True)
+        for place in np.flatnonzero(values > 0)
+    }
+
+
+def test_one_map_of_all_has_each_where_it_lies(vehicle: FakeVehicle, tmp_path: Path) -> None:
+    """Protects V: turned and moved as the page draws it; who has not said where it lies is left out, and named."""
+    vehicle.telemetry = telling(frame=(0.0, 0.0, 0.0, 0.0))
+    other = FakeVehicle("Nix", telling("Nix", frame=(10.0, 5.0, 0.5, math.pi / 2.0)))
+    lost, new = FakeVehicle("Puck"), FakeVehicle("Ariel", telling("Ariel", frame=(1.0, 0.0, 0.0, 0.0)))
+    other.dig(2)
+    lost.dig(2)
+    notes: list[str] = []
+    files = {}
+    for name, content in {
+        "own": map_file(vehicle, "ot"),
+        "nix": map_file(other, "ot"),
+        "all": whole_file_of([vehicle, other, lost, new], "ot", notes.append),
+    }.items():
+        (tmp_path / f"{name}.ot").write_bytes(content)
+        files[name] = occupied_in(tmp_path / f"{name}.ot")
+    turned = {(100 - y - 1, 50 + x, z + 5) for x, y, z in files["nix"]}
+    assert files["all"] == files["own"] | turned
+    assert notes == ["Puck has not said where its map lies"]
+
+
+def test_maps_that_cannot_be_one_are_refused(vehicle: FakeVehicle, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protects from maps on top of each other: without places, in voxels of two sizes, or nowhere."""
+    with pytest.raises(NoWholeMapError, match="no vehicle has a map and has said where it lies"):
+        whole_file_of([vehicle, FakeVehicle("Nix")], "ply", lambda _: None)
+    vehicle.telemetry = telling(frame=(1e9, 0.0, 0.0, 0.0))
+    with pytest.raises(NoWholeMapError, match="Kobold: a map cannot be moved so far away"):
+        whole_file_of([vehicle], "ply", lambda _: None)
+    vehicle.telemetry = telling(frame=(0.0, 0.0, 0.0, 0.0))
+    coarse = FakeVehicle("Nix", telling("Nix", frame=(0.0, 0.0, 0.0, 0.0)))
+    coarse.map = VoxelMap(MapSettings(voxel_m=0.2))
+    with pytest.raises(NoWholeMapError, match=r"mapping\.voxel_m"):
+        whole_file_of([vehicle, coarse], "ply", lambda _: None)
+    monkeypatch.setattr(coarse, "source", _nothing_yet)
+    notes: list[str] = []
+    assert whole_file_of([vehicle, coarse], "ply", notes.append)
+    assert notes == ["Nix has no map yet"]
+
+
+def _nothing_yet() -> MapSource:
+    raise CompanionError("nothing has come yet")
+
+
+def test_one_map_of_all_is_offered_where_there_are_several(vehicle: FakeVehicle) -> None:
+    """Protects the panel of who flies one vehicle from a button that says the same twice."""
+    with turned(vehicle) as page:
+        assert not page._downloads._of_all.visible
+    with turned(vehicle, FakeVehicle("Nix")) as page:
+        assert page._downloads._of_all.visible
 
 
 def test_a_file_is_named_after_vehicle_and_flight_and_never_elsewhere() -> None:
