@@ -91,7 +91,7 @@ def test_it_says_how_the_vehicles_are_and_asks_no_other_machine(window: Browser,
     assert window.complaints == []
 
 
-@pytest.mark.parametrize("size", [DESKTOP, TABLET])
+@pytest.mark.parametrize("size", [DESKTOP, pytest.param(TABLET, marks=pytest.mark.long)])
 def test_stop_is_large_and_on_top_and_stops_every_vehicle(
     window: Browser, served: Served, size: tuple[int, int]
 ) -> None:
@@ -114,6 +114,7 @@ def test_stop_is_large_and_on_top_and_stops_every_vehicle(
     window.size(*DESKTOP)
 
 
+@pytest.mark.long
 def test_a_command_needs_the_code_once_and_a_start_is_asked_back(window: Browser, served: Served) -> None:
     """Protects the vehicle from visitors, and people from a vehicle that takes off: code, second press, reason."""
     kobold, nix = served.station.known
