@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -72,7 +72,7 @@ def test_each_vehicle_lies_where_it_is_in_the_shared_frame(vehicle: FakeVehicle)
         hit = shown.seen_from(np.array([9.2, 7.0, 1.2]), np.array([0.0, 0.0, -1.0]))
         assert hit is not None
         assert hit == pytest.approx([9.2, 7.0, 0.05], abs=0.12)
-        page.choose("Nix")
+        page.choose("Nix", None)
         around = page._around_chosen()
         assert around is not None
         # At (3, 1) of its own map.
@@ -290,3 +290,71 @@ def test_a_port_that_is_taken_is_refused(vehicle: FakeVehicle) -> None:
         serve(FakeStation(), "Ground", "127.0.0.1", page.port, 1000),
     ):
         pass
+
+
+class Visitor:
+    """Somebody who has the page open, and what is asked back there."""
+
+    def __init__(self, client_id: int) -> None:
+        self.client_id = client_id
+        self.client = self
+        self.gui = self
+        self.texts: list[str] = []
+        self.buttons: dict[str, Visitor] = {}
+
+    def press(self, page: GroundPage, command: Command) -> None:
+        """Press a button of the panel."""
+        page.commanding._buttons[command]._impl.update_cb[0](self)  # type: ignore[arg-type]
+
+    def add_modal(self, title: str) -> Visitor:
+        self.texts.append(title)
+        return self
+
+    def add_markdown(self, text: str) -> None:
+        self.texts.append(text)
+
+    def add_button(self, label: str, **_: object) -> Visitor:
+        self.buttons[label] = Visitor(self.client_id)
+        return self.buttons[label]
+
+    def on_click(self, pressed: Callable[[object], None]) -> None:
+        self.pressed = pressed
+
+    def close(self) -> None:
+        self.texts.clear()
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+
+def test_nobodys_choice_is_the_target_of_another_ones_press() -> None:
+    """Protects the vehicle that somebody else has just chosen: a command goes where its own presser has chosen."""
+    kobold, nix = FakeVehicle("Kobold"), FakeVehicle("Nix")
+    anna, ben = Visitor(1), Visitor(2)
+    with turned(kobold, nix) as page:
+        page.choose("Kobold", anna.client_id)
+        anna.press(page, Command.PAUSE)
+        assert kobold.asked == [Command.PAUSE]
+        page.choose("Nix", ben.client_id)
+        anna.press(page, Command.HOME)
+        assert anna.texts[0] == "Home: Nix?"
+        assert "you have not chosen it" in anna.texts[1]
+        assert (kobold.asked, nix.asked) == ([Command.PAUSE], [])
+        ben.press(page, Command.PAUSE)
+        assert nix.asked == [Command.PAUSE]
+        anna.press(page, Command.STOP)
+        assert (kobold.asked[-1], nix.asked[-1]) == (Command.STOP, Command.STOP), "both: it asks nothing"
+        anna.buttons["Home Nix"].pressed(None)
+        anna.press(page, Command.PAUSE)
+        assert nix.asked == [Command.PAUSE, Command.STOP, Command.HOME, Command.PAUSE], "now it is chosen"
+        page.commanding.forget(ben)  # type: ignore[arg-type]
+        ben.press(page, Command.PAUSE)
+        assert "you have not chosen it" in ben.texts[1], "a page that is opened anew has chosen nothing"
+
+
+def test_a_single_vehicle_needs_no_choice(vehicle: FakeVehicle) -> None:
+    """Protects the usual flight from a question that has one answer."""
+    with turned(vehicle) as page:
+        Visitor(1).press(page, Command.HOME)
+        assert vehicle.asked == [Command.HOME]
