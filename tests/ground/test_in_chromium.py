@@ -95,7 +95,7 @@ def test_it_says_how_the_vehicles_are_and_asks_no_other_machine(window: Browser,
 def test_stop_is_large_and_on_top_and_stops_every_vehicle(
     window: Browser, served: Served, size: tuple[int, int]
 ) -> None:
-    """Protects the stop: on each screen at least 2 cm x 2 cm, nothing over it, one press, no question, no code."""
+    """Protects the stop: on each screen at least 2 cm x 2 cm, one press, no code, and nothing over it, no question."""
     window.size(*size)
     find = "[...document.querySelectorAll('button')].find((one) => one.innerText.trim() === 'STOP ALL')"
     window.wait_for(f"{find} !== undefined")
@@ -111,6 +111,13 @@ def test_stop_is_large_and_on_top_and_stops_every_vehicle(
     window.click_at(x + wide / 2, y + high / 2)
     assert soon(lambda: all(vehicle.asked == [Command.STOP] for vehicle in served.station.known))
     window.wait_for_text("STOP, Nix: done, it says after")
+    window.click("Pause")
+    window.wait_for_text("STOP needs none")
+    assert window.value(f"{find}.contains({at})"), "a question that is open covers it"
+    window.click_at(x + wide / 2, y + high / 2)
+    assert soon(lambda: all(vehicle.asked == 2 * [Command.STOP] for vehicle in served.station.known))
+    window.click("Only watch")
+    window.wait_for("!document.body.innerText.includes('STOP needs none')")
     window.size(*DESKTOP)
 
 
