@@ -33,6 +33,11 @@ _ASKED_BACK = {
 }
 """Before these a second press is needed: the one moves what stood, the other cannot be undone."""
 
+_NOT_YOUR_CHOICE = (
+    "The buttons are for this vehicle now, and you have not chosen it: another visitor has, or nobody. "
+    "Is it the one that you mean?"
+)
+
 _BLUE: Rgb = (25, 113, 194)
 _COLOURS: dict[Command, Rgb] = {Command.START: (47, 158, 68), Command.STOP: (201, 42, 42), Command.LAND: (217, 72, 15)}
 
@@ -66,6 +71,17 @@ class Commanding:
         self._lock = threading.Lock()
         self._lines: deque[list[str]] = deque(maxlen=KEPT)
         self._buttons: dict[Command, viser.GuiButtonHandle] = {}
+        self._meant: dict[int, str] = {}
+
+    def mean(self, client_id: int, name: str) -> None:
+        """This visitor has chosen that vehicle: what is pressed there from now on is for it, and for no other."""
+        with self._lock:
+            self._meant[client_id] = name
+
+    def forget(self, client: viser.ClientHandle) -> None:
+        """It has closed the page."""
+        with self._lock:
+            self._meant.pop(client.client_id, None)
 
     def add_stop(self) -> None:
         """Put STOP on the page: for every vehicle, from everybody who has the page open, and at once."""
@@ -133,27 +149,36 @@ class Commanding:
             vehicle = self._chosen()
             if vehicle is None or event.client is None:
                 return
+            vehicles, meant = self._vehicles(), self._meant.get(event.client.client_id)
+            # All visitors see the same vehicle: another one may have changed it just before this press.
+            is_meant = len(vehicles) == 1 or meant == vehicle.name
             if command is Command.STOP:
-                self.send(vehicle, command)
+                for one in vehicles:
+                    if one.name in (vehicle.name, meant):
+                        self.send(one, command)
             elif not self._access.has(event.client):
                 self._access.ask_for_code(event.client)
-            elif command in _ASKED_BACK:
-                self._ask_back(event.client, vehicle, command)
+            elif command in _ASKED_BACK or not is_meant:
+                self._ask_back(event.client, vehicle, command, is_meant=is_meant)
             else:
                 self.send(vehicle, command)
 
         return pressed
 
-    def _ask_back(self, client: viser.ClientHandle, vehicle: VehicleView, command: Command) -> None:
+    def _ask_back(self, client: viser.ClientHandle, vehicle: VehicleView, command: Command, *, is_meant: bool) -> None:
         modal = client.gui.add_modal(f"{LABELS[command]}: {vehicle.name}?")
         with modal:
-            client.gui.add_markdown(_ASKED_BACK[command])
+            if not is_meant:
+                client.gui.add_markdown(_NOT_YOUR_CHOICE)
+            if command in _ASKED_BACK:
+                client.gui.add_markdown(_ASKED_BACK[command])
             yes = client.gui.add_button(f"{LABELS[command]} {vehicle.name}", color="orange")
             no = client.gui.add_button("Not now", color="gray")
 
         @yes.on_click
         def _(_: object) -> None:
             modal.close()
+            self.mean(client.client_id, vehicle.name)
             self.send(vehicle, command)
 
         @no.on_click

@@ -5,49 +5,83 @@ from __future__ import annotations
 import re
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import viser
 
 from companion.errors import CompanionError
 from companion.ground.station import VehicleView
+from companion.ground.whole_map import whole_map
 from companion.mapping.files import FORMATS, write
+from companion.mapping.voxels.piece import MapSource
 
 
 class Downloads:
-    """Buttons that make a file of the chosen vehicle's map.
+    """Buttons that make a file of the chosen vehicle's map, or one of all maps.
 
     Args:
         server: viser's.
+        vehicles: all that are known.
         chosen: the vehicle; None while there is none.
     """
 
-    def __init__(self, server: viser.ViserServer, chosen: Callable[[], VehicleView | None]) -> None:
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        vehicles: Callable[[], Sequence[VehicleView]],
+        chosen: Callable[[], VehicleView | None],
+    ) -> None:
+        self._vehicles = vehicles
         self._chosen = chosen
         self._one_at_a_time = threading.Lock()
         gui = server.gui
         self._format = gui.add_dropdown("format", tuple(FORMATS), hint="What they hold is in docs/map.md")
-        button = gui.add_button("Download its map", color="blue")
+        gui.add_button("Download its map", color="blue").on_click(self._of_chosen)
+        self._of_all = gui.add_button(
+            "Download one map of all",
+            color="blue",
+            visible=False,
+            hint="The maps of all vehicles in the frame that they share, added up",
+        )
         self._says = gui.add_markdown("")
-        button.on_click(self._pressed)
+        self._of_all.on_click(self._of_everybody)
 
-    def _pressed(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+    def offer_all(self, is_offered: bool) -> None:
+        """Show the button for one map of all, or not."""
+        self._of_all.visible = is_offered
+
+    def _of_chosen(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
         vehicle = self._chosen()
-        if vehicle is None or event.client is None:
+        if vehicle is None:
             self._says.content = "No vehicle has been heard yet."
+            return
+        self._send(event, file_name(vehicle), lambda format_, _: map_file(vehicle, format_))
+
+    def _of_everybody(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+        self._send(event, "all", lambda format_, notes: whole_file_of(self._vehicles(), format_, notes.append))
+
+    def _send(
+        self,
+        event: viser.GuiEvent[viser.GuiButtonHandle],
+        name: str,
+        made: Callable[[str, list[str]], bytes],
+    ) -> None:
+        if event.client is None:
             return
         if not self._one_at_a_time.acquire(blocking=False):
             self._says.content = "One file is being made already."
             return
         try:
-            self._says.content = f"Making the file of {_plain(vehicle.name)} …"
-            name = f"{file_name(vehicle)}.{self._format.value}"
-            content = map_file(vehicle, self._format.value)
-            event.client.send_file_download(name, content, save_immediately=True)
-            self._says.content = f"{name}: {len(content):,} bytes"
+            format_ = str(self._format.value)
+            file, notes = f"{name}.{format_}", list[str]()
+            self._says.content = f"Making {_plain(file)} …"
+            content = made(format_, notes)
+            event.client.send_file_download(file, content, save_immediately=True)
+            without = f"; not in it: {_plain('; '.join(notes))}" if notes else ""
+            self._says.content = f"{_plain(file)}: {len(content):,} bytes{without}"
         except (CompanionError, OSError) as error:
-            self._says.content = f"**Not made:** {error}"
+            self._says.content = f"**Not made:** {_plain(str(error))}"
         finally:
             self._one_at_a_time.release()
 
@@ -56,19 +90,39 @@ def map_file(vehicle: VehicleView, format_: str) -> bytes:
     """The ground's copy of a vehicle's map in one of `FORMATS`.
 
     Raises:
-        CompanionError: the format cannot hold it.
+        CompanionError: there is none yet, or the format cannot hold it.
         OSError: there is no room for it.
     """
-    with tempfile.TemporaryDirectory(prefix="companion-ground-") as folder:
-        path = Path(folder) / f"map.{format_}"
-        write(vehicle.source(), path)
-        return path.read_bytes()
+    return _file_of(vehicle.source(), format_)
+
+
+def whole_file_of(vehicles: Sequence[VehicleView], format_: str, leaves_out: Callable[[str], None]) -> bytes:
+    """The ground's copies of all maps as one, in the frame that the vehicles share.
+
+    Args:
+        vehicles: whose maps.
+        format_: one of `FORMATS`.
+        leaves_out: is told of each vehicle that is not in it, and why.
+
+    Raises:
+        CompanionError: they cannot be put together, or the format cannot hold them.
+        OSError: there is no room for it.
+    """
+    with whole_map(vehicles, leaves_out) as source:
+        return _file_of(source, format_)
 
 
 def file_name(vehicle: VehicleView) -> str:
     """Of vehicle and flight, fit for every file system."""
     flight = "" if vehicle.telemetry is None else vehicle.telemetry.flight
     return re.sub(r"[^A-Za-z0-9._-]+", "-", "-".join(filter(None, (vehicle.name, flight)))).strip("-.") or "map"
+
+
+def _file_of(source: MapSource, format_: str) -> bytes:
+    with tempfile.TemporaryDirectory(prefix="companion-ground-") as folder:
+        path = Path(folder) / f"map.{format_}"
+        write(source, path)
+        return path.read_bytes()
 
 
 def _plain(text: str) -> str:

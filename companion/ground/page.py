@@ -80,6 +80,7 @@ class GroundPage:
         self._lay_out()
         server.on_client_connect(self._welcome)
         server.on_client_disconnect(access.forget)
+        server.on_client_disconnect(self.commanding.forget)
 
     @property
     def port(self) -> int:
@@ -112,9 +113,11 @@ class GroundPage:
         """The vehicle that figures and buttons are for."""
         return next((one for one in self._station.vehicles() if one.name == self._chosen), None)
 
-    def choose(self, name: str) -> None:
-        """Make figures and buttons those of this vehicle."""
+    def choose(self, name: str, client_id: int | None) -> None:
+        """Make figures and buttons those of this vehicle, as a visitor wants it."""
         self._chosen = name
+        if client_id is not None:
+            self.commanding.mean(client_id, name)
 
     def run(self, stop: Callable[[], bool] = lambda: False) -> None:
         """Keep the page up to date until ``stop`` or Ctrl-C."""
@@ -164,9 +167,9 @@ class GroundPage:
             self.view = ViewControls(self.server, self._whole, self._around_chosen)
         with tabs.add_tab("Map", viser.Icon.RULER_MEASURE):
             self.measuring = Measuring(self.server, self._seen)
-            Downloads(self.server, self.chosen)
+            self._downloads = Downloads(self.server, self._station.vehicles, self.chosen)
             self._facts = gui.add_markdown("")
-        self._chooser.on_click(lambda event: self.choose(str(event.target.value)))
+        self._chooser.on_click(lambda event: self.choose(str(event.target.value), event.client_id))
 
     def _meet(self, vehicles: list[VehicleView]) -> None:
         """Take vehicles that are new onto the page."""
@@ -181,9 +184,10 @@ class GroundPage:
         if new:
             self._chooser.options = tuple(vehicle.name for vehicle in vehicles)
             self._chooser.visible = len(vehicles) > 1
+            self._downloads.offer_all(len(vehicles) > 1)
 
-    def _choosing(self, name: str) -> Callable[[object], None]:
-        return lambda _: self.choose(name)
+    def _choosing(self, name: str) -> Callable[[viser.SceneNodePointerEvent[viser.MeshHandle]], None]:
+        return lambda event: self.choose(name, event.client_id)
 
     def _write(self, vehicles: list[VehicleView]) -> None:
         # Once a second the card is another one, though nothing has changed: it knows by that that it is not old.

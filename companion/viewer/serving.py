@@ -11,6 +11,7 @@ from ipaddress import ip_address
 import viser
 
 from companion.errors import InputError
+from companion.viewer.same_origin import only_same_origin
 
 
 class _Server(viser.ViserServer):
@@ -35,7 +36,7 @@ def serving(title: str, host: str, port: int) -> Iterator[viser.ViserServer]:
     """
     _refuse_taken(host, port)
     # Viser prints a banner and a farewell of its own, whatever its settings.
-    with redirect_stdout(io.StringIO()):
+    with redirect_stdout(io.StringIO()), only_same_origin(host):
         server = _Server(host=host, port=port, label=title, verbose=False)
     try:
         server.gui.configure_theme(show_logo=False, show_share_button=False)

@@ -120,6 +120,8 @@ class WatchedVehicle:
             y_m=here.y_m,
             z_m=here.z_m,
             yaw_rad=here.yaw_rad,
+            # Of the world, for all of them.
+            frame=(0.0, 0.0, 0.0, 0.0),
             d_m=None if measurement is None else measurement.d_m,
             margin_m=control.margin_m,
             h_m=None if measurement is None else measurement.h_m,

@@ -43,7 +43,10 @@ def test_what_cannot_be_is_refused_with_what_can(
     assert words in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("host", "asks"), [("127.0.0.1", False), ("0.0.0.0", True)])  # noqa: S104 - what is tested
+@pytest.mark.parametrize(
+    ("host", "asks"),
+    [("0.0.0.0", True), pytest.param("127.0.0.1", False, marks=pytest.mark.long)],  # noqa: S104 - what is tested
+)
 def test_it_serves_says_where_and_ends_by_ctrl_c(host: str, asks: bool, tmp_path: Path) -> None:
     """Protects the terminal, and the vehicle from visitors: where others can open the page there is a code."""
     port = free_tcp_port()

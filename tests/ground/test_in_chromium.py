@@ -91,11 +91,11 @@ def test_it_says_how_the_vehicles_are_and_asks_no_other_machine(window: Browser,
     assert window.complaints == []
 
 
-@pytest.mark.parametrize("size", [DESKTOP, TABLET])
+@pytest.mark.parametrize("size", [DESKTOP, pytest.param(TABLET, marks=pytest.mark.long)])
 def test_stop_is_large_and_on_top_and_stops_every_vehicle(
     window: Browser, served: Served, size: tuple[int, int]
 ) -> None:
-    """Protects the stop: on each screen at least 2 cm x 2 cm, nothing over it, one press, no question, no code."""
+    """Protects the stop: on each screen at least 2 cm x 2 cm, one press, no code, and nothing over it, no question."""
     window.size(*size)
     find = "[...document.querySelectorAll('button')].find((one) => one.innerText.trim() === 'STOP ALL')"
     window.wait_for(f"{find} !== undefined")
@@ -111,9 +111,17 @@ def test_stop_is_large_and_on_top_and_stops_every_vehicle(
     window.click_at(x + wide / 2, y + high / 2)
     assert soon(lambda: all(vehicle.asked == [Command.STOP] for vehicle in served.station.known))
     window.wait_for_text("STOP, Nix: done, it says after")
+    window.click("Pause")
+    window.wait_for_text("STOP needs none")
+    assert window.value(f"{find}.contains({at})"), "a question that is open covers it"
+    window.click_at(x + wide / 2, y + high / 2)
+    assert soon(lambda: all(vehicle.asked == 2 * [Command.STOP] for vehicle in served.station.known))
+    window.click("Only watch")
+    window.wait_for("!document.body.innerText.includes('STOP needs none')")
     window.size(*DESKTOP)
 
 
+@pytest.mark.long
 def test_a_command_needs_the_code_once_and_a_start_is_asked_back(window: Browser, served: Served) -> None:
     """Protects the vehicle from visitors, and people from a vehicle that takes off: code, second press, reason."""
     kobold, nix = served.station.known
@@ -181,6 +189,8 @@ def test_the_map_is_downloaded(window: Browser, tmp_path_factory: pytest.TempPat
 
     assert soon(lambda: bool(files()) and files()[0].stat().st_size > 1000)
     assert files()[0].read_bytes().startswith(b"ply\n")
+    window.click("Download one map of all")
+    window.wait_for_text("no vehicle has a map and has said where it lies")
 
 
 @pytest.mark.long

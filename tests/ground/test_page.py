@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,12 +14,17 @@ from sitl.launch.processes import free_tcp_port
 
 pytest.importorskip("viser", reason="pip install mine-companion[ground]")
 
-from companion.errors import InputError
+from companion.config.mapping import MapSettings
+from companion.errors import CompanionError, InputError
 from companion.ground.commanding import offered
-from companion.ground.downloads import file_name, map_file
+from companion.ground.downloads import file_name, map_file, whole_file_of
 from companion.ground.page import GroundPage, serve
+from companion.ground.whole_map import NoWholeMapError
 from companion.link.words import Answer, Command
-from companion.mapping.files import FORMATS
+from companion.mapping import VoxelMap
+from companion.mapping.files import FORMATS, open_map
+from companion.mapping.voxels.chunks import EDGE, OFFSETS
+from companion.mapping.voxels.piece import MapSource
 from tests.ground.fakes import FakeStation, FakeVehicle, telling
 
 
@@ -66,7 +72,7 @@ def test_each_vehicle_lies_where_it_is_in_the_shared_frame(vehicle: FakeVehicle)
         hit = shown.seen_from(np.array([9.2, 7.0, 1.2]), np.array([0.0, 0.0, -1.0]))
         assert hit is not None
         assert hit == pytest.approx([9.2, 7.0, 0.05], abs=0.12)
-        page.choose("Nix")
+        page.choose("Nix", None)
         around = page._around_chosen()
         assert around is not None
         # At (3, 1) of its own map.
@@ -208,6 +214,67 @@ def test_the_map_can_be_had_in_each_format(vehicle: FakeVehicle, format_: str) -
     assert len(map_file(vehicle, format_)) > 500
 
 
+def occupied_in(path: Path) -> set[tuple[int, ...]]:
+    """The voxels with a point in them."""
+    return {
+        tuple((np.array(chunk) * EDGE + OFFSETS[place]).tolist())
+        for piece in open_map(path).pieces()
+        for chunk, values in zip(piece.chunks.tolist(), piece.values, strict=True)
+        for place in np.flatnonzero(values > 0)
+    }
+
+
+def test_one_map_of_all_has_each_where_it_lies(vehicle: FakeVehicle, tmp_path: Path) -> None:
+    """Protects V: turned and moved as the page draws it; who has not said where it lies is left out, and named."""
+    vehicle.telemetry = telling(frame=(0.0, 0.0, 0.0, 0.0))
+    other = FakeVehicle("Nix", telling("Nix", frame=(10.0, 5.0, 0.5, math.pi / 2.0)))
+    lost, new = FakeVehicle("Puck"), FakeVehicle("Ariel", telling("Ariel", frame=(1.0, 0.0, 0.0, 0.0)))
+    other.dig(2)
+    lost.dig(2)
+    notes: list[str] = []
+    files = {}
+    for name, content in {
+        "own": map_file(vehicle, "ot"),
+        "nix": map_file(other, "ot"),
+        "all": whole_file_of([vehicle, other, lost, new], "ot", notes.append),
+    }.items():
+        (tmp_path / f"{name}.ot").write_bytes(content)
+        files[name] = occupied_in(tmp_path / f"{name}.ot")
+    turned = {(100 - y - 1, 50 + x, z + 5) for x, y, z in files["nix"]}
+    assert files["all"] == files["own"] | turned
+    assert notes == ["Puck has not said where its map lies"]
+
+
+def test_maps_that_cannot_be_one_are_refused(vehicle: FakeVehicle, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protects from maps on top of each other: without places, in voxels of two sizes, or nowhere."""
+    with pytest.raises(NoWholeMapError, match="no vehicle has a map and has said where it lies"):
+        whole_file_of([vehicle, FakeVehicle("Nix")], "ply", lambda _: None)
+    vehicle.telemetry = telling(frame=(1e9, 0.0, 0.0, 0.0))
+    with pytest.raises(NoWholeMapError, match="Kobold: a map cannot be moved so far away"):
+        whole_file_of([vehicle], "ply", lambda _: None)
+    vehicle.telemetry = telling(frame=(0.0, 0.0, 0.0, 0.0))
+    coarse = FakeVehicle("Nix", telling("Nix", frame=(0.0, 0.0, 0.0, 0.0)))
+    coarse.map = VoxelMap(MapSettings(voxel_m=0.2))
+    with pytest.raises(NoWholeMapError, match=r"mapping\.voxel_m"):
+        whole_file_of([vehicle, coarse], "ply", lambda _: None)
+    monkeypatch.setattr(coarse, "source", _nothing_yet)
+    notes: list[str] = []
+    assert whole_file_of([vehicle, coarse], "ply", notes.append)
+    assert notes == ["Nix has no map yet"]
+
+
+def _nothing_yet() -> MapSource:
+    raise CompanionError("nothing has come yet")
+
+
+def test_one_map_of_all_is_offered_where_there_are_several(vehicle: FakeVehicle) -> None:
+    """Protects the panel of who flies one vehicle from a button that says the same twice."""
+    with turned(vehicle) as page:
+        assert not page._downloads._of_all.visible
+    with turned(vehicle, FakeVehicle("Nix")) as page:
+        assert page._downloads._of_all.visible
+
+
 def test_a_file_is_named_after_vehicle_and_flight_and_never_elsewhere() -> None:
     """Protects the operator's folders."""
     assert file_name(FakeVehicle("Kobold 1")) == "Kobold-1-20261129-1130"
@@ -223,3 +290,71 @@ def test_a_port_that_is_taken_is_refused(vehicle: FakeVehicle) -> None:
         serve(FakeStation(), "Ground", "127.0.0.1", page.port, 1000),
     ):
         pass
+
+
+class Visitor:
+    """Somebody who has the page open, and what is asked back there."""
+
+    def __init__(self, client_id: int) -> None:
+        self.client_id = client_id
+        self.client = self
+        self.gui = self
+        self.texts: list[str] = []
+        self.buttons: dict[str, Visitor] = {}
+
+    def press(self, page: GroundPage, command: Command) -> None:
+        """Press a button of the panel."""
+        page.commanding._buttons[command]._impl.update_cb[0](self)  # type: ignore[arg-type]
+
+    def add_modal(self, title: str) -> Visitor:
+        self.texts.append(title)
+        return self
+
+    def add_markdown(self, text: str) -> None:
+        self.texts.append(text)
+
+    def add_button(self, label: str, **_: object) -> Visitor:
+        self.buttons[label] = Visitor(self.client_id)
+        return self.buttons[label]
+
+    def on_click(self, pressed: Callable[[object], None]) -> None:
+        self.pressed = pressed
+
+    def close(self) -> None:
+        self.texts.clear()
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+
+def test_nobodys_choice_is_the_target_of_another_ones_press() -> None:
+    """Protects the vehicle that somebody else has just chosen: a command goes where its own presser has chosen."""
+    kobold, nix = FakeVehicle("Kobold"), FakeVehicle("Nix")
+    anna, ben = Visitor(1), Visitor(2)
+    with turned(kobold, nix) as page:
+        page.choose("Kobold", anna.client_id)
+        anna.press(page, Command.PAUSE)
+        assert kobold.asked == [Command.PAUSE]
+        page.choose("Nix", ben.client_id)
+        anna.press(page, Command.HOME)
+        assert anna.texts[0] == "Home: Nix?"
+        assert "you have not chosen it" in anna.texts[1]
+        assert (kobold.asked, nix.asked) == ([Command.PAUSE], [])
+        ben.press(page, Command.PAUSE)
+        assert nix.asked == [Command.PAUSE]
+        anna.press(page, Command.STOP)
+        assert (kobold.asked[-1], nix.asked[-1]) == (Command.STOP, Command.STOP), "both: it asks nothing"
+        anna.buttons["Home Nix"].pressed(None)
+        anna.press(page, Command.PAUSE)
+        assert nix.asked == [Command.PAUSE, Command.STOP, Command.HOME, Command.PAUSE], "now it is chosen"
+        page.commanding.forget(ben)  # type: ignore[arg-type]
+        ben.press(page, Command.PAUSE)
+        assert "you have not chosen it" in ben.texts[1], "a page that is opened anew has chosen nothing"
+
+
+def test_a_single_vehicle_needs_no_choice(vehicle: FakeVehicle) -> None:
+    """Protects the usual flight from a question that has one answer."""
+    with turned(vehicle) as page:
+        Visitor(1).press(page, Command.HOME)
+        assert vehicle.asked == [Command.HOME]

@@ -99,9 +99,10 @@ def merge(
     """Add several maps of the same place into one.
 
     What the maps say of a voxel is added, then clamped; the order does not matter. They must have the same voxel size,
-    frame and clamps. Points of a cloud count as occupied for certain, and go into the voxels of the others. The exit
-    code is 0 when the map is written, 1 when it cannot be, 2 when the maps do not go
-    together or the input is wrong, 130 after Ctrl-C.
+    frame and clamps. Maps of flights of a fleet (fleet.frame in the summary.json beside the map) are put into the frame
+    that it shares. Points of a cloud count as occupied for certain, and go into the voxels of the others. The exit code
+    is 0 when the map is written, 1 when it cannot be, 2 when the maps do not go together or the input is wrong, 130
+    after Ctrl-C.
     """
     from companion.cli.maps.clouds import CloudOptions
     from companion.cli.maps.merge import merge_maps

@@ -51,7 +51,7 @@ class ClippedMap:
             yield MapPiece(piece.chunks[reaches], np.where(inside, piece.values[reaches], NOTHING))
 
 
-_LEAST, _MOST = -32767, 32767
+LEAST, MOST = -32767, 32767
 """What a voxel's 16 bits hold beside `NOTHING`: the clamps while there is more to add."""
 
 
@@ -112,7 +112,7 @@ class MergedMap:
                 theirs = voxels.read(chunks)
                 rows = np.searchsorted(keys, keys_of(theirs.chunks))
                 sums = values[rows]
-                add_log_odds(sums, plain(theirs.values, np.int16), _LEAST, _MOST)
+                add_log_odds(sums, plain(theirs.values, np.int16), LEAST, MOST)
                 values[rows] = sums
             add_log_odds(values, np.full_like(values, NOTHING), *self._clamps)
             yield MapPiece(chunks, values)

@@ -47,6 +47,7 @@ def test_the_page_gets_what_the_vehicle_has_and_only_what_changed() -> None:
     assert told is not None
     assert (told.x_m, told.y_m, told.z_m) == pytest.approx((here.x_m, here.y_m, here.z_m))
     assert told.flight == "a mission"
+    assert told.frame == (0.0, 0.0, 0.0, 0.0), "the maps of a simulation lie in the frame of its world"
     assert told.ended_because == "time limit"
     assert np.linalg.norm(np.diff(vehicle.way_m(), axis=0), axis=1).min(initial=1.0) >= 0.2
     answers: list[Answer | None] = []
