@@ -14,6 +14,7 @@ FLIGHT_S = 30.0
 
 
 @pytest.mark.flight
+@pytest.mark.timeout(560)
 def test_two_vehicles_hear_and_see_each_other_and_stay_apart(tmp_path: Path) -> None:
     """Protects what only the whole shows: frames, clocks and ports fit together, and nobody is touched."""
     out = tmp_path / "several"
