@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from companion.config.link import is_this_computer
 from companion.errors import InputError
 
 VEHICLE = "tcp/127.0.0.1:7447"
@@ -62,7 +63,7 @@ def ground(
     with of_the_extra("companion ground"):
         from companion.ground.access import new_code
         from companion.ground.page import serve
-        from companion.viewer.serving import is_this_computer, reached_at
+        from companion.viewer.serving import reached_at
     from companion.config.link import NAME_FORM, is_name
     from companion.link.ground.station import LinkStation
 

@@ -52,7 +52,11 @@ def is_loopback(endpoint: str) -> bool:
     match = _ENDPOINT.fullmatch(endpoint)
     if match is None:
         return False
-    host = match[2].strip("[]")
+    return is_this_computer(match[2].strip("[]"))
+
+
+def is_this_computer(host: str) -> bool:
+    """Whether nobody but this computer reaches what listens there."""
     if host == "localhost":
         return True
     try:

@@ -6,6 +6,9 @@ from pydantic import Field
 
 from companion.config.section import Section
 
+MOST_NUMBER = 255
+"""Of a vehicle in its fleet."""
+
 
 class VehicleSettings(Section):
     """The body that must not touch anything."""
@@ -36,7 +39,7 @@ class FleetSettings(Section):
     number: int | None = Field(
         None,
         ge=1,
-        le=255,
+        le=MOST_NUMBER,
         description="of this vehicle among the others, each its own: the smaller, the higher its layer; they hear each "
         "other over the link; null: it flies alone",
     )

@@ -8,7 +8,6 @@ in a list (CRL) that the authority has signed.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -22,7 +21,9 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from companion.config.link import is_name
+from companion.config.vehicle import MOST_NUMBER
 from companion.errors import InputError
+from companion.mapping.files.whole import whole_file
 
 Role = Literal["vehicle", "watch", "command"]
 
@@ -33,9 +34,6 @@ ISSUED = "issued"
 
 REVOKED_NAME = x509.ObjectIdentifier("2.25.140417553213457790325481098123847561")
 """Of the entry in the list of what is revoked that says whose it was."""
-
-MOST_NUMBER = 255
-"""Of a vehicle, as of `fleet.number`."""
 
 VALID_FOR = timedelta(days=3653)
 VALID_FROM = datetime(1970, 1, 1, tzinfo=UTC)
@@ -312,7 +310,7 @@ def _signed_by(
         who = holder(certificate)
     except (ValueError, x509.InvalidVersion, UnsupportedAlgorithm):
         raise InputError("its certificate is none") from None
-    if not _is_issued(certificate, trusted.authority):
+    if not _is_as_signed(certificate) or not _is_issued(certificate, trusted.authority):
         raise InputError("its certificate is not of this vehicle's authority")
     if certificate.not_valid_after_utc < datetime.now(UTC):
         raise InputError(f"the certificate of {who.name} has expired: make another")
@@ -352,6 +350,13 @@ def _attribute(certificate: x509.Certificate, oid: x509.ObjectIdentifier) -> str
 def common_name(name: str, serial: int) -> str:
     """The common name in a certificate: of two with the same name one may be revoked."""
     return f"{name}.{serial % 2**32:08x}"
+
+
+def _is_as_signed(certificate: x509.Certificate) -> bool:
+    """Whether its signature stands at its end in whole octets: readers overlook a last 0 bit that is left out."""
+    proof = certificate.signature
+    der = certificate.public_bytes(serialization.Encoding.DER)
+    return len(proof) < 127 and der.endswith(bytes([3, len(proof) + 1, 0]) + proof)
 
 
 def _is_issued(certificate: x509.Certificate, authority: x509.Certificate) -> bool:
@@ -444,11 +449,7 @@ def _write(path: Path, data: bytes, mode: int = 0o644) -> None:
     """Whole or not at all, and what is secret never readable by others."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        new = path.with_name(f".{path.name}.new")
-        descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, mode)
-        with os.fdopen(descriptor, "wb") as file:
+        with whole_file(path, mode) as file:
             file.write(data)
-            os.fsync(file.fileno())
-        new.replace(path)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}; give a folder that you may write") from None

@@ -6,7 +6,6 @@ import io
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
-from ipaddress import ip_address
 
 import viser
 
@@ -50,16 +49,6 @@ def serving(title: str, host: str, port: int) -> Iterator[viser.ViserServer]:
 def reached_at(host: str) -> str:
     """What to type into a browser for the address that is listened at: 0.0.0.0 is no place to go to."""
     return {"127.0.0.1": "localhost", "0.0.0.0": socket.gethostname()}.get(host, host)  # noqa: S104 - the user asks
-
-
-def is_this_computer(host: str) -> bool:
-    """Whether nobody but this computer reaches what listens there."""
-    if host == "localhost":
-        return True
-    try:
-        return ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 def _refuse_taken(host: str, port: int) -> None:

@@ -73,13 +73,19 @@ def test_it_tells_where_it_is_in_the_shared_frame() -> None:
     assert (report.height_m, report.flies) == (1.35, True)
 
 
-def test_two_beside_each_other_wait_and_go_to_their_layers() -> None:
-    """Over bytes and two frames: 2 m apart at one height, the smaller number is to go up."""
-    clock = HandClock(100.0)
+def two_in_the_air(clock: HandClock) -> tuple[Company, Company]:
+    """Two that stood beside each other, and fly at one height."""
     one, two = company_of(1, clock), company_of(2, clock)
     for company in (one, two):
         stand(company, 100.0, flies=False)
         stand(company, 100.0, up_m=1.35)
+    return one, two
+
+
+def test_two_beside_each_other_wait_and_go_to_their_layers() -> None:
+    """Over bytes and two frames: 2 m apart at one height, the smaller number is to go up."""
+    clock = HandClock(100.0)
+    one, two = two_in_the_air(clock)
     one.on_message(told(two))
     two.on_message(told(one))
     up, down = one.clearance(100.0), two.clearance(100.0)
@@ -135,10 +141,7 @@ def test_a_vehicle_that_was_started_anew_is_heard() -> None:
 def test_who_has_landed_says_so() -> None:
     """Its layer is free from then on: silence alone would keep it."""
     clock = HandClock(100.0)
-    one, two = company_of(1, clock), company_of(2, clock)
-    for company in (one, two):
-        stand(company, 100.0, flies=False)
-        stand(company, 100.0, up_m=1.35)
+    one, two = two_in_the_air(clock)
     one.on_message(told(two))
     assert one.clearance(100.0).height_m == 2.0
     clock.advance(60.0)

@@ -26,17 +26,21 @@ _HERE, _EXCHANGE = -100, 2
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[BinaryIO]:
+def whole_file(path: Path, mode: int = 0o666) -> Iterator[BinaryIO]:
     """A file to write to, which takes the place of ``path`` when the block ends without an error.
 
     It is written beside its place under a name of its own, so several may write the same file: the last to end wins.
     What a writer left there when it was killed goes away with the next one.
 
+    Args:
+        path: its place.
+        mode: who may read and write it, from its first moment on, as far as the umask lets them.
+
     Raises:
         OSError: it cannot be written; what was there before still is.
     """
     _sweep(path)
-    part, file = _locked_part(path)
+    part, file = _locked_part(path, mode)
     try:
         with file:
             yield file
@@ -50,11 +54,11 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
         raise
 
 
-def _locked_part(path: Path) -> tuple[Path, BinaryIO]:
+def _locked_part(path: Path, mode: int) -> tuple[Path, BinaryIO]:
     """A new file beside ``path``. The lock on it ends with its writer, by which others know that this one lives."""
     while True:
         part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
-        file = part.open("xb")
+        file = open(part, "xb", opener=lambda name, flags: os.open(name, flags, mode))  # noqa: SIM115 - whoever asked closes it
         fcntl.flock(file, fcntl.LOCK_EX)
         if part.exists():
             return part, file
