@@ -208,8 +208,9 @@ class Navigator:
             self._leave_tangent(measurement, scan, pose, t_s)
         elif self._mode is Mode.BOUNDARY:
             self._leave_boundary(measurement, scan, pose, t_s)
-        speed = self._speed_mps(measurement, scan, pose)
-        wanted = Setpoint(t_s, speed, climb, self._yaw_rate_radps(measurement, scan, pose))
+        yaw_rate_radps = self._yaw_rate_radps(measurement, scan, pose)
+        speed = self._speed_mps(measurement, scan, pose, yaw_rate_radps)
+        wanted = Setpoint(t_s, speed, climb, yaw_rate_radps)
         return self._ramp.limit(self._standing.of(wanted, scan, measurement.sides, pose))
 
     def _go_on_after_waiting(self, t_s: float) -> None:
@@ -246,7 +247,7 @@ class Navigator:
             return 0.0
         return laws.boundary_yaw_rate_radps(self._gamma, measurement.d_m, measurement.d_dot_mps, self.parameters)
 
-    def _speed_mps(self, measurement: Measurement, scan: Scan, pose: Pose) -> float:
+    def _speed_mps(self, measurement: Measurement, scan: Scan, pose: Pose, yaw_rate_radps: float) -> float:
         """Paper eq. (12), lowered by the governor."""
         speed = laws.speed_mps(self._mode, measurement.d_front_m, self.parameters)
         if self.homing.homeward is not None:
@@ -259,9 +260,21 @@ class Navigator:
         nearest_m = math.inf if measurement.d_m is None else measurement.d_m
         return governed_speed_mps(
             *(speed, scan, nearest_m, gamma, pose.towards_mps(0.0), self.parameters),
-            towards_rad=self._target_bearing_rad(pose) if self._mode is Mode.TANGENT else 0.0,
+            towards_rad=self._turns_to_rad(pose, yaw_rate_radps),
             escapes=self._escapes(),
         )
+
+    def _turns_to_rad(self, pose: Pose, yaw_rate_radps: float) -> float:
+        """Bearing to which it turns: in R2 that of T_m, in R3 as far as it comes in the time of the reaction.
+
+        Only where it turns away from the wall that it follows: what it comes to by that may be another one. Towards
+        its own wall the law turns it no further than along it.
+        """
+        if self._mode is Mode.TANGENT:
+            return self._target_bearing_rad(pose)
+        if self._mode is Mode.BOUNDARY and yaw_rate_radps * self._gamma < 0.0:
+            return yaw_rate_radps * self.parameters.governor.reaction_s
+        return 0.0
 
     # The rules.
 
