@@ -24,7 +24,7 @@ class Order(enum.StrEnum):
     HOME = "home"
     """From now on home; after the first of these nothing leads back to exploring."""
     WAIT = "wait"
-    """A person has paused the flight: stand, and go on with what was before."""
+    """A person has paused the flight, or another vehicle is too near: stand, and go on with what was before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,5 +144,7 @@ class Explorer:
         measurement = self._extractor.measure(observation, beneath)
         if order is Order.HOME:
             self.navigator.go_home(observation.t_s)
-        steer = self.navigator.wait if order is Order.WAIT else self.navigator.step
+        # Where the ground has ended it first goes back, whoever lets it wait: over a shaft it would be landed into it.
+        waits = order is Order.WAIT and not measurement.over_shaft
+        steer = self.navigator.wait if waits else self.navigator.step
         return Steering(measurement, steer(measurement, observation.pose, observation.t_s))

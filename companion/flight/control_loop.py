@@ -138,7 +138,7 @@ class ControlLoop:
         if observation is not None and steered:
             if clearance is not None:
                 self._explorer.navigator.height_m = clearance.height_m
-                order = Order.WAIT if clearance.lets_wait(self.measurement) else order
+                order = Order.WAIT if clearance.holds else order
             beneath = () if self._company is None else self._company.beneath()
             steering = self._explorer.step(observation, order, beneath)
             measurement, setpoint = steering.measurement, steering.setpoint
