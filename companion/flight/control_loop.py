@@ -112,6 +112,11 @@ class ControlLoop:
         """Whether home could not be got to, and it lands beside it."""
         return self._explorer.navigator.homing.lands_elsewhere
 
+    @property
+    def goes_back(self) -> bool:
+        """Whether the ground below has ended, and it is on its way back to where there was some."""
+        return self._explorer.goes_back
+
     def off_home_m(self) -> float | None:
         """How far home is as the crow flies, by what the vehicle recognises; None without a pose or a home."""
         homing = self._explorer.navigator.homing

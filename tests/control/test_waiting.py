@@ -10,10 +10,11 @@ import pytest
 
 from companion.config.load import load_settings
 from companion.control.homing.homing import NEAR_M, PATIENCE_S
-from companion.control.trail import BACK_MPS
+from companion.control.trail import BACK_M, BACK_MPS
 from companion.flight.warm_up import Eyes
 from companion.model import Beam, Observation, Pose, RangeReading, Setpoint
 from companion.pipeline import Explorer, Order
+from companion.station_keeping import MOST_MPS
 
 SETTINGS = load_settings(None, "flight")
 PERIOD_S = SETTINGS.control.period_s
@@ -89,14 +90,16 @@ def test_nobody_waits_where_the_ground_has_ended() -> None:
     """
     flight = Flight()
     flight.speed_mps = 0.3
-    flight.fly(Order.EXPLORE, 3.0)
+    flight.fly(Order.EXPLORE, 5.0)
     flight.speed_mps, flight.has_ground = 0.0, False
     flight.fly(Order.WAIT, 1.0)
     assert flight.measurement.over_shaft
     assert flight.towards_mps(flight.setpoint) == pytest.approx(-BACK_MPS, abs=0.02)
-    flight.speed_mps = -BACK_MPS
-    flight.fly(Order.WAIT, 2.0)
-    flight.speed_mps, flight.has_ground = 0.0, True
-    flight.fly(Order.WAIT, 2.0)
-    assert not flight.measurement.missing
-    assert flight.setpoint.speed_mps == pytest.approx(0.0, abs=0.01)
+    flight.speed_mps, flight.has_ground = -BACK_MPS, True
+    flight.fly(Order.WAIT, 0.8 * BACK_M / BACK_MPS)
+    assert flight.towards_mps(flight.setpoint) == pytest.approx(-BACK_MPS, abs=0.02), "not at the edge"
+    flight.fly(Order.WAIT, 0.3 * BACK_M / BACK_MPS)
+    assert not flight.explorer.goes_back
+    flight.speed_mps = 0.0
+    flight.fly(Order.WAIT, 3.0)
+    assert math.hypot(flight.setpoint.speed_mps, flight.setpoint.lateral_mps) <= MOST_MPS, "it only keeps its place"
