@@ -24,8 +24,8 @@ RISES_S = 0.25
 is dust or spray in the beam; taken for ground, the floor below would be a shaft ever after."""
 
 LATELY_M = 1.0
-"""Of the ground within this the highest counts. The wall of a shaft is met over some decimetres of way, and each reading
-may be less than a fall from the one before."""
+"""Of the ground within this the highest counts. The wall of a shaft is met over decimetres of way, and each reading may
+be less than a fall from the one before."""
 
 NOTED_M, NOTED_S = 0.1, 1.0
 """A place of the ground is kept for each of these."""
