@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from companion.cli.main import main
 from companion.control.fleet import MOST_VEHICLES, Report
 from companion.errors import InputError
-from companion.link.certificates import REVOKED, Authority, Certificates, vehicle_certificates
+from companion.link.authority import Authority
+from companion.link.certificates import REVOKED, Certificates, vehicle_certificates
 from companion.link.fleet_envelope import Envelope, read_envelope
 from companion.link.fleet_messages import FleetMessage
 from companion.link.vehicle.fleet_guard import CERTIFICATE_PERIOD_S, MOST_SESSIONS, QUOTE_HOLDS_S, FleetGuard

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from companion.errors import InputError
-from companion.link.certificates import REVOKED, Authority, Certificates
+from companion.link.authority import Authority
+from companion.link.certificates import REVOKED, Certificates
 from companion.link.session import LinkError, close_session, open_session
 from companion.link.vehicle.process import ANSWER_TIMEOUT_S
 from companion.link.wire import Order, SignedOrder, command_topic, decoded, encoded
