@@ -62,10 +62,13 @@ def test_both_sides_begin_anew_and_the_copy_goes_on(tmp_path: Path, mine: Mine) 
             assert seen.name == "drone1"
             until(lambda: len(seen.changed(0).chunks) > 0)
             until(lambda: held(known(ground).source()) == held(mine.journal))
+            before = seen._report
+            assert before is not None
             vehicle.stop()
             mine.grow()
             vehicle.start()
             until(lambda: held(seen.source()) == held(mine.journal))
+            until(lambda: seen._report is not None and seen._report.session != before.session)
             assert answer_to(seen, Command.PAUSE) == Answer(accepted=True)
     assert (tmp_path / "ground" / "drone1" / MAP / "map.journal").is_dir()
 
