@@ -73,7 +73,7 @@ def revoke(name: Name, authority: Folder) -> None:
     Authority(authority).revoke(name)
     typer.echo(
         f"{name} is revoked: copy {authority / REVOKED} into the folder of certificates of each vehicle and operator. "
-        "A vehicle that flies refuses commands by it at once; who watches is cut off when its link begins anew"
+        "A vehicle that flies refuses commands by it at once, and cuts it off within a second"
     )
 
 
