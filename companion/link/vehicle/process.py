@@ -32,7 +32,7 @@ from companion.link.certificates import vehicle_certificates
 from companion.link.envelope import Quote, is_session
 from companion.link.map_wire import answer, read_ask
 from companion.link.sealing import Seal
-from companion.link.session import close_session, open_session
+from companion.link.session import LinkError, close_session, open_session
 from companion.link.vehicle.bandwidth import Bandwidth
 from companion.link.vehicle.fleet_guard import FleetGuard
 from companion.link.vehicle.fleet_post import FleetPost
@@ -101,6 +101,8 @@ def serve(end: socket.socket, settings: LinkSettings, journal: Path, number: int
         return
     try:
         process.run()
+    except LinkError as error:
+        send(end, Kind.TROUBLE, str(error).encode())
     finally:
         process.close()
 
