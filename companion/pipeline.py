@@ -24,7 +24,7 @@ class Order(enum.StrEnum):
     HOME = "home"
     """From now on home; after the first of these nothing leads back to exploring."""
     WAIT = "wait"
-    """A person has paused the flight: stand, and go on with what was before."""
+    """A person has paused the flight, or another vehicle is too near: stand, and go on with what was before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +127,8 @@ class Explorer:
         self.navigator = Navigator(
             settings.control, rng, Outlook.of(*camera.elevations_rad(), *camera.bearings_rad(), reach_m)
         )
+        self.goes_back = False
+        """The ground below has ended: it goes back the way that it came, and neither waits nor is landed before."""
         self._extractor = Extractor(settings.sensors, settings.vehicle, settings.control.height_m)
 
     def look(self, observation: Observation) -> Measurement:
@@ -144,5 +146,9 @@ class Explorer:
         measurement = self._extractor.measure(observation, beneath)
         if order is Order.HOME:
             self.navigator.go_home(observation.t_s)
-        steer = self.navigator.wait if order is Order.WAIT else self.navigator.step
+        is_holding = self.navigator.status.mode is Mode.HOLD
+        self.goes_back = measurement.over_shaft or (self.goes_back and is_holding)
+        # Whoever lets it wait: over a shaft it would be landed for want of a height.
+        waits = order is Order.WAIT and not self.goes_back
+        steer = self.navigator.wait if waits else self.navigator.step
         return Steering(measurement, steer(measurement, observation.pose, observation.t_s))

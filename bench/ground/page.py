@@ -65,7 +65,7 @@ class Digging:
     def __init__(self, name: str, number: int, sections: int) -> None:
         self.name = name
         self.age_s = self.map_age_s = 0.0
-        self.map_number = 0
+        self.map_number, self.doubt = 0, ""
         self.sections = sections
         self._number = number
         self._section = section()

@@ -18,7 +18,8 @@ from companion.config.vary import vary
 from companion.control.fleet import Report
 from companion.control.sharing import MOST_TILES, TILE_CELLS, Claim, Frame, GroundNews, Tile
 from companion.flight.company import REPORT_PERIOD_S, SHARING_PERIOD_S, Company
-from companion.link.certificates import Authority, Certificates
+from companion.link.authority import Authority
+from companion.link.certificates import Certificates
 from companion.link.fleet_messages import FleetMessage
 from companion.link.vehicle.bandwidth import OVERHEAD_BYTES
 from companion.link.vehicle.fleet_guard import FleetGuard

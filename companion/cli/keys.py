@@ -24,7 +24,7 @@ def authority(
 
     Whoever has its folder can make a certificate that commands every vehicle: keep it off vehicles and tablets.
     """
-    from companion.link.certificates import Authority
+    from companion.link.authority import Authority
 
     Authority.make(folder)
     typer.echo(
@@ -42,7 +42,7 @@ def vehicle(
     ] = None,
 ) -> None:
     """Make a vehicle's certificate. In its settings the name is link.name, and the number fleet.number."""
-    from companion.link.certificates import Authority
+    from companion.link.authority import Authority
 
     Authority(authority).issue(name, "vehicle", out, number)
     numbered = "" if number is None else f", and fleet.number to {number}"
@@ -57,7 +57,7 @@ def operator(
     role: Annotated[Literal["watch", "command"], typer.Option(help="Only watch, or command too.")] = "watch",
 ) -> None:
     """Make an operator's certificate, for `companion ground`."""
-    from companion.link.certificates import Authority
+    from companion.link.authority import Authority
 
     Authority(authority).issue(name, role, out)
     may = "watch and command" if role == "command" else "watch"
@@ -67,19 +67,20 @@ def operator(
 @app.command()
 def revoke(name: Name, authority: Folder) -> None:
     """Trust somebody no longer. It counts on a vehicle once the list, revoked.crl, is in its folder."""
-    from companion.link.certificates import REVOKED, Authority
+    from companion.link.authority import Authority
+    from companion.link.certificates import REVOKED
 
     Authority(authority).revoke(name)
     typer.echo(
         f"{name} is revoked: copy {authority / REVOKED} into the folder of certificates of each vehicle and operator. "
-        "A vehicle that flies refuses commands by it at once; who watches is cut off when its link begins anew"
+        "A vehicle that flies refuses commands by it at once, and cuts it off within a second"
     )
 
 
 @app.command("list")
 def list_(authority: Folder) -> None:
     """Print who has a certificate, what for, and which are revoked."""
-    from companion.link.certificates import Authority
+    from companion.link.authority import Authority
     from companion.text_table import columns
 
     found = Authority(authority).issued()

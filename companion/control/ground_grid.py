@@ -26,6 +26,9 @@ HIT_WEIGHT, MOST_WEIGHT = 3, 30
 """A wall is believed by so much for each ray that ends in it, at most so far, and by one less for each that is seen to
 go on behind it: a bump of the roof in a nod of the vehicle would close a drift for ever."""
 
+HIGHEST_M = 3000.0
+"""Above and below the origin of the flight: heights are kept as 16 bits of decimetres."""
+
 UNSEEN, FREE, WALL, GIVEN_UP = np.uint8(0), np.uint8(1), np.uint8(2), np.uint8(3)
 """What is known of a cell; what could not be seen from where it was looked for is given up."""
 

@@ -19,6 +19,7 @@ from companion.compiled import compiled
 from companion.control.ground_grid import (
     FREE,
     GIVEN_UP,
+    HIGHEST_M,
     HIT_WEIGHT,
     MOST_LEVELS,
     UNSEEN,
@@ -28,6 +29,7 @@ from companion.control.ground_grid import (
     enter,
     level_at,
 )
+from companion.control.heard_ground import Sheet, with_heard
 from companion.model import ABSURD, HIT, UNKNOWN, Measurement, Pose, Scan, wrap_rad
 
 CELL_M, CELL_SHARE = 0.5, 0.625
@@ -60,9 +62,6 @@ MOST_BLOCKED = 256
 
 FLOWN_M, MOST_FLOWN = 0.2, 65536
 """The way flown is kept in steps of this, less than a cell, for 13 km."""
-
-HIGHEST_M = 3000.0
-"""Above and below the origin of the flight: heights are kept as 16 bits of decimetres."""
 
 
 class Outlook(NamedTuple):
@@ -268,21 +267,12 @@ class KnownGround:
         """
         if self._origin is None:
             return
-        while True:
-            had_room = _learn(
-                self._grid,
-                theirs.grid,
-                *self._origin,
-                self.cell_m,
-                theirs.x_m,
-                theirs.y_m,
-                theirs.cell_m,
-                at_m,
-                turn_rad,
-            )
-            if had_room or len(self._grid.cells) >= MOST_LEVELS:
-                return
-            self._grid = self._grid.with_level()
+        self._grid = with_heard(
+            Sheet(self._grid, *self._origin, self.cell_m),
+            Sheet(theirs.grid, theirs.x_m, theirs.y_m, theirs.cell_m),
+            at_m,
+            turn_rad,
+        )
 
     def window(self, x_m: float, y_m: float) -> Window | None:
         """A copy of the part about a place in which ways are searched; None before anything has been seen."""
@@ -420,59 +410,6 @@ def _give_up(grid: GroundGrid, row: int, column: int, reach: int, ground_dm: int
         for c in range(max(column - reach, 0), min(column + reach + 1, side)):
             if level_at(grid, r, c, ground_dm) < 0:
                 enter(grid, r, c, ground_dm, GIVEN_UP)
-
-
-@compiled
-def _learn(
-    grid: GroundGrid,
-    theirs: GroundGrid,
-    low_x_m: float,
-    low_y_m: float,
-    cell_m: float,
-    their_x_m: float,
-    their_y_m: float,
-    their_cell_m: float,
-    at_m: tuple[float, float, float],
-    turn_rad: float,
-) -> bool:
-    """Each cell whose middle is in a known cell of theirs becomes what that is, if nothing was known of it.
-
-    Returns:
-        whether the grid had a level for all of it.
-    """
-    levels, rows, columns = theirs.cells.shape
-    side_rows, side_columns = grid.cells.shape[1], grid.cells.shape[2]
-    cos, sin = np.cos(turn_rad), np.sin(turn_rad)
-    up_dm = int(np.round(10.0 * at_m[2]))
-    # The circle about theirs, in cells of the own grid.
-    half_x, half_y = columns * their_cell_m / 2.0, rows * their_cell_m / 2.0
-    off_x, off_y = their_x_m + half_x - at_m[0], their_y_m + half_y - at_m[1]
-    middle_x = (cos * off_x + sin * off_y - low_x_m) / cell_m
-    middle_y = (cos * off_y - sin * off_x - low_y_m) / cell_m
-    radius = np.sqrt(half_x * half_x + half_y * half_y) / cell_m + 1.0
-    had_room = True
-    for r in range(max(int(middle_y - radius), 0), min(int(middle_y + radius) + 1, side_rows)):
-        for c in range(max(int(middle_x - radius), 0), min(int(middle_x + radius) + 1, side_columns)):
-            x, y = low_x_m + (c + 0.5) * cell_m, low_y_m + (r + 0.5) * cell_m
-            column = int(np.floor((at_m[0] + cos * x - sin * y - their_x_m) / their_cell_m))
-            row = int(np.floor((at_m[1] + sin * x + cos * y - their_y_m) / their_cell_m))
-            if not (0 <= row < rows and 0 <= column < columns):
-                continue
-            for level in range(levels):
-                what = theirs.cells[level, row, column]
-                if what == UNSEEN or what > GIVEN_UP:
-                    continue
-                ground_dm = int(theirs.ground_dm[level, row, column]) - up_dm
-                if abs(ground_dm) > 10.0 * HIGHEST_M:
-                    continue
-                own = level_at(grid, r, c, ground_dm)
-                if own < 0:
-                    had_room &= enter(grid, r, c, ground_dm, what)
-                elif what == FREE and grid.cells[own, r, c] == WALL and grid.belief[own, r, c] <= HIT_WEIGHT:
-                    grid.cells[own, r, c] = FREE
-                elif what != GIVEN_UP and grid.cells[own, r, c] == GIVEN_UP:
-                    grid.cells[own, r, c] = what
-    return had_room
 
 
 @compiled

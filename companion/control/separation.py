@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from companion.control.fleet import Fleet, Report
 from companion.control.governor import braking_speed_mps
-from companion.model import Measurement, Setpoint
+from companion.model import Setpoint
 
 STAYS_APART = 0.9
 """Two that are apart in height count as that until they are nearer than this share of what it takes."""
@@ -82,10 +82,6 @@ class Clearance:
     holds: bool
     beside_m: tuple[tuple[float, float], ...]
     spacing: Spacing
-
-    def lets_wait(self, measurement: Measurement | None) -> bool:
-        """Whether the vehicle is to wait, by what it measured last; where the ground has ended it first goes back."""
-        return self.holds and not (measurement is not None and measurement.over_shaft)
 
     def limited(self, setpoint: Setpoint, yaw_rad: float) -> Setpoint:
         """The same, no faster than it can stand before it is too near to any of them, who comes as fast.
@@ -161,11 +157,17 @@ class Separation:
         if own is None:
             return ()
         half_m = self._spacing.body_height_m / 2.0
-        return tuple(
-            Back(own.z_m - there.z_m - half_m, there.height_m + half_m)
-            for there in self._fleet.others().values()
-            if there.height_m is not None and there.z_m < own.z_m and own.beside_m(there) < self._spacing.keep_m
-        )
+        found = []
+        for there in self._fleet.others().values():
+            up_m = own.z_m - there.z_m
+            if up_m <= 0.0 or own.beside_m(there) >= self._spacing.keep_m:
+                continue
+            # Who has lost the ground says no height: what this one flew over a moment ago goes on below it.
+            taken_m = None if own.height_m is None else own.height_m - up_m
+            height_m = taken_m if there.height_m is None else there.height_m
+            if height_m is not None:
+                found.append(Back(up_m - half_m, height_m + half_m))
+        return tuple(found)
 
     def clearance(self, t_s: float) -> Clearance:
         """What the vehicle may do now, by the newest reports of all, its own included."""

@@ -16,6 +16,9 @@ STEP_M, STEPS = 0.1, 30
 BACK_M = 1.0
 """So far it goes back: further than it went on while it braked, and then d_s from where the ground was lost."""
 BACK_MPS = 0.2
+AHEAD_MPS = 0.08
+"""Where the way back leads ahead, as the vehicle has turned meanwhile: slower than what the gate takes for closing. The
+place where the ground was lost counts as rock and is right before it, or below; the gate would stop it there."""
 THERE_M = 0.12
 
 
@@ -52,4 +55,6 @@ class Trail:
             return None
         to_x_m, to_y_m = self._places[-1][0] - pose.x_m, self._places[-1][1] - pose.y_m
         bearing_rad = math.atan2(to_y_m, to_x_m) - pose.yaw_rad
-        return BACK_MPS * math.cos(bearing_rad), BACK_MPS * math.sin(bearing_rad)
+        cos, sin = math.cos(bearing_rad), math.sin(bearing_rad)
+        speed_mps = BACK_MPS if BACK_MPS * cos <= AHEAD_MPS else AHEAD_MPS / cos
+        return speed_mps * cos, speed_mps * sin

@@ -18,10 +18,14 @@ from companion.flight.preflight.ready import LOOK_PERIOD_S
 from companion.flight.prospect import Prospect
 from companion.flight.session import Session
 from companion.flight.tasks import background, first_of
-from companion.flight.termination import Conditions, Termination, is_spent, termination
+from companion.flight.termination import Conditions, Termination, is_spent, not_ours, termination
 from companion.mapping.process.client import MapClient
 from companion.mavlink.modes import mode_name, personality
 from companion.model import Pose
+
+GOES_BACK_S = 10.0
+"""A landing waits for ground below for so long: the way back to it is `companion.control.trail.BACK_M` and what it flew
+on while it braked, and the battery lasts for that."""
 
 THEN = {"land": "landing", "hold": "holding"}
 
@@ -58,6 +62,7 @@ class Airborne:
         self._mapper = mapper
         self._events = events
         self._coming_home: ComingHome | None = None
+        self._lookout: Lookout | None = None
 
     @property
     def homecoming(self) -> Homecoming | None:
@@ -82,6 +87,8 @@ class Airborne:
             async with background(self._control_loop.run()), vehicle:
                 try:
                     why, last = await self._explore()
+                    if not last.hands_off:
+                        last = await self._back_over_ground() or last
                 finally:
                     phases.update(PhaseEvent.STOPPED)
                 if not last.hands_off:
@@ -105,7 +112,7 @@ class Airborne:
         control_loop.fresh_s = began_s
         self._session.flight.update(PhaseEvent.ENGAGED)
         self._events.emit(Event.EXPLORING)
-        lookout = Lookout(self._session, self._operator, vehicle, control_loop, self._mapper)
+        lookout = self._lookout = Lookout(self._session, self._operator, vehicle, control_loop, self._mapper)
         self.prospect = lookout.prospect
         why, now = await self._until_the_end(lookout)
         self.explored_s = self._session.clock.now_s() - began_s
@@ -142,6 +149,20 @@ class Airborne:
             if why is not None:
                 return why, now
             await self._session.clock.sleep(LOOK_PERIOD_S)
+
+    async def _back_over_ground(self) -> Termination | None:
+        """Whatever ended the flight: over a shaft it is not landed, as long as it is on its way back from there.
+
+        Returns:
+            Who else has the vehicle, or why nobody can reach it; None: it is ours to land.
+        """
+        clock, lookout = self._session.clock, self._lookout
+        give_up_s = clock.now_s() + GOES_BACK_S
+        while lookout is not None and self._control_loop.goes_back and clock.now_s() < give_up_s:
+            if (taken := not_ours(lookout.look(), self._settings)) is not None:
+                return taken
+            await clock.sleep(LOOK_PERIOD_S)
+        return None
 
     async def _while_it_can(self, manoeuvre: Coroutine[Any, Any, object], *stops: asyncio.Event) -> None:
         """Run a manoeuvre. The loss of the gate breaks it off, and so does what else is handed in."""

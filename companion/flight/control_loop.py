@@ -112,6 +112,11 @@ class ControlLoop:
         """Whether home could not be got to, and it lands beside it."""
         return self._explorer.navigator.homing.lands_elsewhere
 
+    @property
+    def goes_back(self) -> bool:
+        """Whether the ground below has ended, and it is on its way back to where there was some."""
+        return self._explorer.goes_back
+
     def off_home_m(self) -> float | None:
         """How far home is as the crow flies, by what the vehicle recognises; None without a pose or a home."""
         homing = self._explorer.navigator.homing
@@ -138,7 +143,7 @@ class ControlLoop:
         if observation is not None and steered:
             if clearance is not None:
                 self._explorer.navigator.height_m = clearance.height_m
-                order = Order.WAIT if clearance.lets_wait(self.measurement) else order
+                order = Order.WAIT if clearance.holds else order
             beneath = () if self._company is None else self._company.beneath()
             steering = self._explorer.step(observation, order, beneath)
             measurement, setpoint = steering.measurement, steering.setpoint

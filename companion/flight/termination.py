@@ -159,6 +159,11 @@ def homing_end(now: Conditions, settings: Settings, limit_s: float) -> Terminati
     return next((reason for reason, holds in reasons if holds), None)
 
 
+def not_ours(now: Conditions, settings: Settings) -> Termination | None:
+    """Who else has the vehicle, or why nobody can reach it; None: it is ours to land."""
+    return next((reason for reason, holds in _not_ours(now, settings) if holds), None)
+
+
 def is_spent(now: Conditions, settings: Settings) -> bool:
     """Whether no more than a landing is left in the battery, so that nothing is flown to any more."""
     vehicle, charge = now.vehicle, now.vehicle.charge_state

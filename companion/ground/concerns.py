@@ -45,6 +45,14 @@ def concerns(vehicle: VehicleView) -> list[Concern]:
     if telemetry is None:
         return [Concern(Weight.LOOK, "Nothing heard of it yet. Is it switched on, and is its link up?")]
     found = [Concern(Weight.ACT, text) for text in in_plain_words(telemetry.warnings)]
+    if vehicle.doubt:
+        found.append(
+            Concern(
+                Weight.ACT,
+                f"Somebody claims to be {vehicle.name} and is not believed: {vehicle.doubt}. What is shown is the "
+                "vehicle's own. Find who it is, and revoke that certificate.",
+            )
+        )
     over = telemetry.phase == ENDED
     if age_s > LOST_S and not over:
         found.append(

@@ -30,6 +30,11 @@ class VehicleView(Protocol):
         ...
 
     @property
+    def doubt(self) -> str:
+        """Why something that claims to be its telemetry is refused just now; empty where nothing is."""
+        ...
+
+    @property
     def map_age_s(self) -> float:
         """How old what is missing of its map is: 0 when the ground has all of it; infinite where nothing is known."""
         ...

@@ -25,6 +25,10 @@ class WireError(CompanionError):
     """Bytes that came over the link are no message of it."""
 
 
+class RefusedError(Exception):
+    """What came is not obeyed, or not believed, and why."""
+
+
 @dataclass(frozen=True, slots=True)
 class Report:
     """Telemetry as it goes over the link.

@@ -83,7 +83,7 @@ class Extractor:
             settings.scan.memory_age_s, settings.scan.memory_distance_m, vehicle.body_height_m / 2.0 + BODY_MARGIN_M
         )
         self._shafts = Shafts(settings.scan.memory_distance_m)
-        self._ground = GroundBelow(height_m - self._slab.half_height_m)
+        self._ground = GroundBelow(height_m - self._slab.half_height_m, settings.scan.max_ground_slope)
         self._ahead: Look | None = None
         self._ground_slope: float | None = None
         self._around: Look | None = None

@@ -108,7 +108,7 @@ class Flight:
         order = self.order
         if clearance is not None:
             self.navigator.height_m = clearance.height_m
-            order = Order.WAIT if clearance.lets_wait(self.measurement) else order
+            order = Order.WAIT if clearance.holds else order
         steering = self._explorer.step(observation, order, self._separation.beneath() if fleet else ())
         measurement, setpoint = steering.measurement, steering.setpoint
         if clearance is not None:

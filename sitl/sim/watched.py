@@ -43,6 +43,7 @@ class WatchedVehicle:
 
     def __init__(self, flight: Flight, settings: Settings, flight_name: str) -> None:
         self.name = f"vehicle {flight.log.vehicle_id}"
+        self.doubt = ""
         self.map_age_s = 0.0
         self.map_number = 0
         self._flight = flight

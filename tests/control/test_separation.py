@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from companion.control.fleet import Fleet, Report
 from companion.control.separation import PATIENCE_S, STAYS_APART, Clearance, Separation, Spacing
 from companion.model import Setpoint
-from tests.control.scene import measurement
 
 SPACING = Spacing(
     apart_m=0.6,
@@ -76,16 +75,6 @@ def test_at_one_height_and_near_both_wait_and_go_to_their_layers() -> None:
     assert clearance.height_m == 2.0
 
 
-def test_where_the_ground_has_ended_nobody_waits() -> None:
-    """It goes back to where there was some first: waiting over a shaft it would be landed into it."""
-    clearance = meeting((0.0, 0.0, 1.5), (2.0, 0.0, 1.5))
-    ground = measurement(None)
-    assert clearance.lets_wait(None)
-    assert clearance.lets_wait(ground)
-    assert not clearance.lets_wait(replace(ground, over_shaft=True))
-    assert not replace(clearance, holds=False).lets_wait(ground)
-
-
 def test_apart_in_height_nobody_waits() -> None:
     """That is what layers are for: one passes above the other."""
     clearance = meeting((0.0, 0.0, 2.0), (1.0, 0.0, 1.0))
@@ -141,7 +130,18 @@ def test_the_back_of_whoever_flies_below_is_told() -> None:
     fleet.on_report(2, Report(0.0, 0.5, 0.0, 11.0, 1.0))
     fleet.on_report(3, Report(0.0, 0.5, 0.0, 13.0, 3.0))
     fleet.on_report(4, Report(0.0, 5.0, 0.0, 11.0, 1.0))
-    fleet.on_report(5, Report(0.0, 0.5, 0.0, 11.0))
+    apart.report(0.0, (0.0, 0.0, 12.0), 2.0)
+    ((down_m, height_m),) = apart.beneath()
+    assert down_m == pytest.approx(0.85)
+    assert height_m == pytest.approx(1.15)
+
+
+def test_the_back_of_one_that_has_lost_the_ground_is_no_ground() -> None:
+    """Over the edge of a shaft it says no height; its back, taken for ground, would be where that ends for both."""
+    fleet, apart = separation(1)
+    fleet.on_report(2, Report(0.0, 0.5, 0.0, 11.0))
+    apart.report(0.0, (0.0, 0.0, 12.0), None)
+    assert apart.beneath() == ()
     apart.report(0.0, (0.0, 0.0, 12.0), 2.0)
     ((down_m, height_m),) = apart.beneath()
     assert down_m == pytest.approx(0.85)

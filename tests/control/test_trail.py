@@ -7,10 +7,13 @@ from dataclasses import replace
 
 import pytest
 
-from companion.control.trail import BACK_M, BACK_MPS, STEPS, Trail
+from companion.config.load import load_settings
+from companion.control.trail import AHEAD_MPS, BACK_M, BACK_MPS, STEPS, Trail
+from companion.gate.fault_monitor import CLOSING_MPS
 from companion.model import Input, Mode, Pose, Setpoint
 from tests.control.stages import DT_S, OPEN, ORIGIN, beside, in_boundary, mode_of
 
+SETTINGS = load_settings(None, "flight")
 LOST = replace(beside(1), h_m=None, missing=(Input.HEIGHT,), over_shaft=True)
 
 
@@ -28,7 +31,8 @@ def gone_back(trail: Trail, pose: Pose) -> list[Pose]:
     poses = [pose]
     while (asked := trail.back_mps(pose)) is not None:
         forward_mps, left_mps = asked
-        assert math.hypot(forward_mps, left_mps) == pytest.approx(BACK_MPS)
+        assert forward_mps <= AHEAD_MPS + 1e-9
+        assert math.hypot(forward_mps, left_mps) == pytest.approx(BACK_MPS) or forward_mps == pytest.approx(AHEAD_MPS)
         cos, sin = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
         x_m = pose.x_m + DT_S * (forward_mps * cos - left_mps * sin)
         y_m = pose.y_m + DT_S * (forward_mps * sin + left_mps * cos)
@@ -50,6 +54,22 @@ def test_it_goes_back_a_metre_along_the_way_it_came(yaw_rad: float) -> None:
     off_m = [abs(one.x_m * math.sin(yaw_rad) - one.y_m * math.cos(yaw_rad)) for one in poses]
     assert max(off_m) < 0.01
     assert trail.back_mps(poses[-1]) is None, "once"
+
+
+@pytest.mark.parametrize("turned_rad", [0.0, 1.0, 2.0, 2.5, math.pi, -1.9])
+def test_wherever_it_has_turned_meanwhile_the_gate_lets_it_go_back(turned_rad: float) -> None:
+    """The place that it leaves counts as rock: whoever closes in on that is stopped, held, and landed there."""
+    assert AHEAD_MPS < CLOSING_MPS
+    trail = Trail()
+    pose = replace(flown(trail, 2.0), yaw_rad=turned_rad)
+    trail.begin(pose)
+    poses = gone_back(trail, pose)
+    assert poses[-1].x_m == pytest.approx(2.0 - BACK_M, abs=0.02)
+    assert max(abs(one.y_m) for one in poses) < 0.01
+    ground_s = 0.5 / AHEAD_MPS
+    assert ground_s < SETTINGS.mission.input_timeout_s, (
+        "what it flew on while it braked is behind it before it is landed"
+    )
 
 
 def test_round_a_corner_it_goes_back_round_the_corner() -> None:

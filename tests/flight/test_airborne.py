@@ -15,7 +15,7 @@ from companion.config.settings import Settings
 from companion.control import completion
 from companion.control.completion import MapWord
 from companion.control.homing.homing import WayHome
-from companion.flight.airborne import Airborne
+from companion.flight.airborne import GOES_BACK_S, Airborne
 from companion.flight.events import Event, EventEmitter
 from companion.flight.gate_client import GateClient, GateLostError, GateTookOverError
 from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands, Wish
@@ -32,6 +32,7 @@ from tests.shared.clocks import HandClock
 
 SETTINGS = load_settings()
 NOTHING_LEFT = MapWord(frontier_m=0.0, seen_share=1.0, surfaces_seen=1000, has_room=True)
+BACK_S = 4.0
 STALL_S = 5.0
 """Longer than an autopilot may be silent, shorter than inputs may be missing."""
 
@@ -94,6 +95,7 @@ class ControlLoop:
         """How far home is; None: nobody knows."""
         self.way: WayHome | None = None
         self.is_home = False
+        self.goes_back = False
         self.sees = True
         self.measurement: Measurement | None = None
         self.fails = False
@@ -181,6 +183,13 @@ class Stand:
             self.gate.notify(Notice(Stage.HOLD, Fault.DEPTH_STALE, "hold: depth_stale"))
             await self.clock.sleep(0.1)
             self.vehicle.taken_over = "hold"
+        elif what in ("back to the ground", "not back", "taken on the way back"):
+            self.control_loop.goes_back = True
+            self.status = replace(STATUS, word=NOTHING_LEFT)
+            await self.clock.sleep(BACK_S)
+            if what == "taken on the way back":
+                self.vehicle.taken_over = "position"
+            self.control_loop.goes_back = what != "back to the ground"
         elif what in ("a pilot", "a failsafe"):
             self.vehicle.taken_over, self.vehicle.by_failsafe = "hold", what == "a failsafe"
         elif what in ("stall", "stall and silence"):
@@ -339,3 +348,21 @@ async def test_a_vehicle_that_is_handed_over_in_the_air_is_not_taken_off_with(st
     assert await stand.fly("complete") is Termination.COMPLETE
     assert stand.told == ["take over", "engage", "land", "leave"]
     assert stand.events[0] == (Event.TAKING_OVER, {})
+
+
+@pytest.mark.parametrize(("what", "after_s"), [("back to the ground", BACK_S), ("not back", GOES_BACK_S)])
+async def test_over_a_shaft_it_is_not_landed_while_it_goes_back(stand: Stand, what: str, after_s: float) -> None:
+    """Protects a vehicle whose time, or map, or battery ends in the seconds over an edge: it would land into it."""
+    began_s = stand.clock.now_s()
+    assert await stand.fly(what) is Termination.COMPLETE
+    # That the map is complete is found within two seconds.
+    assert 0.0 <= stand.clock.now_s() - began_s - 0.3 - after_s <= 2.0
+    assert "land" in stand.told
+    beats = [beat.phase for beat in stand.gate.beats() if beat.phase in (Phase.EXPLORING, Phase.ENDING)]
+    assert beats.count(Phase.EXPLORING) * 0.05 > after_s - 0.5, "it is steered until then"
+
+
+async def test_who_takes_it_on_its_way_back_keeps_it(stand: Stand) -> None:
+    stand.control_loop.goes_back = True
+    assert await stand.fly("taken on the way back") is Termination.COMPLETE
+    assert "land" not in stand.told

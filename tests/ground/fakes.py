@@ -52,6 +52,7 @@ class FakeVehicle:
         self.name = name
         self.telemetry = telemetry or telling(name)
         self.age_s = 0.1
+        self.doubt = ""
         self.map_age_s = 0.0
         self.map_number = 0
         self.map = VoxelMap(MapSettings())

@@ -73,3 +73,14 @@ def test_times_are_said_as_people_say_them() -> None:
         "2 h",
         "ever",
     ]
+
+
+def test_who_claims_to_be_a_vehicle_is_told_of() -> None:
+    """Protects from a stranger whose words are refused in silence: he may have worse in mind."""
+    vehicle = FakeVehicle()
+    vehicle.doubt = "bob may watch, and is no vehicle"
+    [concern] = concerns(vehicle)
+    assert concern.weight is Weight.ACT
+    assert concern.text.startswith(
+        "Somebody claims to be Kobold and is not believed: bob may watch, and is no vehicle."
+    )

@@ -9,12 +9,12 @@ import pytest
 
 from companion.cli.main import main
 from companion.errors import InputError
+from companion.link.authority import Authority
 from companion.link.certificates import (
     AUTHORITY_CERTIFICATE,
     OWN_CERTIFICATE,
     OWN_KEY,
     REVOKED,
-    Authority,
     Certificates,
     signed_by,
     vehicle_certificates,
@@ -48,7 +48,7 @@ def test_nobody_signs_certificates_but_the_authority(tmp_path: Path, authority: 
     others = Authority.make(tmp_path / "others")
     others.issue("anna", "command", tmp_path / "mallory")
     mallory = Certificates(tmp_path / "mallory")
-    with pytest.raises(InputError, match="not of this vehicle's authority"):
+    with pytest.raises(InputError, match="not of the authority that is trusted here"):
         signed_by(mallory.certificate, "stop", mallory.sign("stop"), Certificates(tmp_path / "drone1"))
     assert authority.issued()
 

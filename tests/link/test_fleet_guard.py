@@ -15,12 +15,13 @@ from hypothesis import strategies as st
 from companion.cli.main import main
 from companion.control.fleet import MOST_VEHICLES, Report
 from companion.errors import InputError
-from companion.link.certificates import REVOKED, Authority, Certificates, vehicle_certificates
-from companion.link.fleet_envelope import Envelope, read_envelope
+from companion.link.authority import Authority
+from companion.link.certificates import REVOKED, Certificates, vehicle_certificates
+from companion.link.envelope import Envelope, read_envelope
 from companion.link.fleet_messages import FleetMessage
-from companion.link.vehicle.fleet_guard import CERTIFICATE_PERIOD_S, MOST_SESSIONS, QUOTE_HOLDS_S, FleetGuard
-from companion.link.vehicle.guard import RefusedError
-from companion.link.wire import WireError
+from companion.link.sealing import CERTIFICATE_PERIOD_S
+from companion.link.vehicle.fleet_guard import MOST_SESSIONS, QUOTE_HOLDS_S, FleetGuard
+from companion.link.wire import RefusedError, WireError
 
 NUMBERS = {"drone1": 1, "drone2": 2, "drone3": 3}
 

@@ -21,7 +21,8 @@ from companion.config.load import load
 from companion.config.vary import vary
 from companion.control.fleet import Report
 from companion.flight.company import Company
-from companion.link.certificates import Authority, Certificates
+from companion.link.authority import Authority
+from companion.link.certificates import Certificates
 from companion.link.fleet_messages import FleetMessage
 from companion.link.session import close_session, open_session
 from companion.link.vehicle.fleet_guard import FleetGuard

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from companion.link.vehicle.guard import MOST_REMEMBERED, CommandGuard, RefusedError, by_its_word
-from companion.link.wire import Order, SignedOrder, encoded
+from companion.link.vehicle.guard import MOST_REMEMBERED, CommandGuard, by_its_word
+from companion.link.wire import Order, RefusedError, SignedOrder, encoded
 from companion.link.words import Answer, Command
 
 ORDER = Order("0123456789abcdef" * 2, 1, "drone1", "session", 100.0, Command.STOP, "anna")

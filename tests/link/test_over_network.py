@@ -6,19 +6,26 @@ import secrets
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from companion.errors import InputError
-from companion.link.certificates import REVOKED, Authority, Certificates
+from companion.link.authority import Authority
+from companion.link.certificates import REVOKED, Certificates
+from companion.link.envelope import read_envelope
+from companion.link.sealing import Seal
 from companion.link.session import LinkError, close_session, open_session
 from companion.link.vehicle.process import ANSWER_TIMEOUT_S
-from companion.link.wire import Order, SignedOrder, command_topic, decoded, encoded
+from companion.link.wire import Order, Report, SignedOrder, command_topic, decoded, encoded, telemetry_topic
 from companion.link.words import Answer, Command
 from sitl.launch.processes import free_tcp_port, free_udp_ports
 from tests.link.exchange import MAP, Mine
 from tests.link.rig import BadNetwork, RiggedVehicle, answer_to, known, rigged, station, until
 from tests.mapping.journal.journals import held
+
+CUT_S = 5.0
+"""Longer than a connection takes to be made anew."""
 
 
 @pytest.fixture
@@ -55,10 +62,13 @@ def test_both_sides_begin_anew_and_the_copy_goes_on(tmp_path: Path, mine: Mine) 
             assert seen.name == "drone1"
             until(lambda: len(seen.changed(0).chunks) > 0)
             until(lambda: held(known(ground).source()) == held(mine.journal))
+            before = seen._report
+            assert before is not None
             vehicle.stop()
             mine.grow()
             vehicle.start()
             until(lambda: held(seen.source()) == held(mine.journal))
+            until(lambda: seen._report is not None and seen._report.session != before.session)
             assert answer_to(seen, Command.PAUSE) == Answer(accepted=True)
     assert (tmp_path / "ground" / "drone1" / MAP / "map.journal").is_dir()
 
@@ -180,6 +190,73 @@ def test_with_certificates_who_may_command_commands_and_who_may_watch_watches(
             with station(tmp_path / "ground4", endpoint, certificates=tmp_path / "bob") as other:
                 known(other)
             assert not ground.vehicles(), "who is revoked hears nothing when the link has begun anew"
+
+
+def test_who_is_revoked_in_flight_is_cut_off_and_the_others_are_not(
+    tmp_path: Path, mine: Mine, authority: Authority
+) -> None:
+    """Protects what a vehicle tells from somebody who has lost his right to it: he need not fall silent by himself."""
+    endpoint = f"tls/127.0.0.1:{free_tcp_port()}"
+    with (
+        rigged(mine, listen=[endpoint], certificates=str(tmp_path / "drone1")) as vehicle,
+        station(tmp_path / "ground", endpoint, certificates=tmp_path / "anna") as ground,
+        station(tmp_path / "ground2", endpoint, certificates=tmp_path / "bob") as other,
+    ):
+        watching, commanding = known(other), known(ground)
+        until(lambda: watching.has_whole_map and commanding.has_whole_map)
+        authority.revoke("bob")
+        (tmp_path / "drone1" / REVOKED).write_bytes((tmp_path / "authority" / REVOKED).read_bytes())
+        until(lambda: watching.age_s > CUT_S, 3.0 * CUT_S)
+        had = held(watching.source())
+        mine.grow(3)
+        until(lambda: held(commanding.source()) == held(mine.journal))
+        assert commanding.age_s < 1.0
+        assert answer_to(commanding, Command.STOP) == Answer(accepted=True)
+        assert vehicle.obeyed == [(Command.STOP, "anna")]
+        assert watching.age_s > CUT_S
+        assert held(watching.source()) == had
+
+
+def test_telemetry_of_another_is_refused_counted_and_told(tmp_path: Path, mine: Mine, authority: Authority) -> None:
+    """Who may only watch puts the vehicle somewhere else, by his own certificate and by what he has recorded."""
+    endpoint = f"tls/127.0.0.1:{free_tcp_port()}"
+    heard: list[bytes] = []
+    with (
+        rigged(mine, listen=[endpoint], certificates=str(tmp_path / "drone1")),
+        station(tmp_path / "ground", endpoint, certificates=tmp_path / "anna") as ground,
+    ):
+        seen = known(ground)
+        bob = Certificates(tmp_path / "bob")
+        session = open_session([], [endpoint], bob)
+        try:
+            session.declare_subscriber(telemetry_topic("drone1"), lambda one: heard.append(one.payload.to_bytes()))
+            until(lambda: len(heard) > 10)
+        finally:
+            close_session(session)
+        genuine = read_envelope(heard[-1])
+        report = decoded(Report, genuine.message)
+        lie = encoded(replace(report, clock_s=report.clock_s + 9.0, telemetry=replace(report.telemetry, x_m=99.0)))
+        forged = Seal(genuine.session, bob).sealed(lie, genuine.heard, 1.0)
+        unsigned = Seal(genuine.session, None).sealed(lie, genuine.heard, 1.0)
+        assert seen.doubt == ""
+        # Straight to the ground: the vehicle forwards nothing.
+        for data, why in ((forged, "bob may watch"), (unsigned, "not signed"), (heard[5], "before"), (lie, "sealed")):
+            ground._on_telemetry(Sample("drone1", data))  # type: ignore[arg-type]
+            assert why in seen.doubt
+        ground._on_telemetry(Sample("drone9", forged))  # type: ignore[arg-type]
+        assert ground.refused == 5
+        assert [one.name for one in ground.vehicles()] == ["drone1"], "nobody begins to be by what is refused"
+        assert seen.telemetry is not None
+        assert seen.telemetry.x_m != 99.0
+    assert authority.issued()
+
+
+class Sample:
+    """What Zenoh hands over."""
+
+    def __init__(self, vehicle: str, data: bytes) -> None:
+        self.key_expr = telemetry_topic(vehicle)
+        self.payload = SimpleNamespace(to_bytes=lambda: data)
 
 
 def test_nobody_elses_certificate_is_heard(tmp_path: Path, mine: Mine, authority: Authority) -> None:

@@ -34,7 +34,7 @@ def test_a_beam_that_ends_on_a_back_says_how_high_that_is(
 @pytest.mark.parametrize("known", [True, False])
 def test_behind_a_vehicle_that_was_passed_the_ground_has_not_fallen(known: bool) -> None:
     """Taken for ground its back would be the edge of a shaft, and the vehicle above it would stand there for good."""
-    ground, beneath = GroundBelow(1.1), (BACK,) if known else ()
+    ground, beneath = GroundBelow(1.1, 0.35), (BACK,) if known else ()
     ended = False
     for tick in range(60):
         t_s = 0.05 * tick
@@ -43,3 +43,23 @@ def test_behind_a_vehicle_that_was_passed_the_ground_has_not_fallen(known: bool)
         ended |= over
         assert not known or h_m == pytest.approx(2.0)
     assert ended != known
+
+
+def test_the_wall_of_a_shaft_leads_nobody_into_it() -> None:
+    """Met askew, as at a broken edge, it falls bit by bit: each reading by less than a fall from the one before."""
+    ground, seen = GroundBelow(1.1, 0.35), []
+    for tick, down_m in enumerate([1.5] * 20 + [2.5, 2.5, 3.5, 3.5, 2.1, 2.1, 3.1, 3.1, 4.1, 5.1]):
+        x_m = 0.025 * tick
+        seen.append(ground.see(down_m, False, Pose(0.05 * tick, x_m, 0.0, 1.5, 0.0), 0.05 * tick))
+    assert [over for _, over in seen[20:]] == [False, False, True, True, False, False, True, True, True, True]
+    assert all(h_m is None or h_m <= 2.6 for h_m, _ in seen)
+
+
+def test_a_ramp_is_no_shaft_however_long() -> None:
+    """Nor where the position leaps, or drifts while the vehicle stands: then nothing below it has moved."""
+    ground = GroundBelow(0.5, 0.35)
+    for tick in range(1200):
+        t_s, x_m = 0.05 * tick, 0.025 * min(tick, 400)
+        z_m = 1.5 - 0.35 * x_m - 0.02 * max(0.0, t_s - 30.0) - 2.0 * (t_s > 50.0)
+        h_m, over = ground.see(1.5, False, Pose(t_s, x_m, 0.0, z_m, 0.0), t_s)
+        assert (h_m, over) == (1.5, False)

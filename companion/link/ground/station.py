@@ -15,9 +15,10 @@ from companion.config.link import ENDPOINT_FORMS, is_encrypted, is_endpoint, is_
 from companion.errors import InputError
 from companion.link.certificates import Certificates
 from companion.link.ground.signing import Signer
+from companion.link.ground.telemetry_guard import TelemetryGuard
 from companion.link.ground.vehicle import LinkedVehicle
 from companion.link.session import close_session, open_session
-from companion.link.wire import Report, WireError, decoded, telemetry_topic
+from companion.link.wire import RefusedError, telemetry_topic, vehicle_of
 
 MOST_VEHICLES = 32
 
@@ -55,6 +56,9 @@ class LinkStation:
         self._folder = folder
         self._signer = Signer(name, given)
         self._by = secrets.token_hex(8)
+        self._guard = TelemetryGuard(self._by, given)
+        self.refused = 0
+        """Telemetry that was not to be believed."""
         self._lock = threading.Lock()
         self._vehicles: dict[str, LinkedVehicle] = {}
         self._session = open_session(listen, connect, given)
@@ -92,17 +96,30 @@ class LinkStation:
 
     def _on_telemetry(self, sample: zenoh.Sample) -> None:
         """In a thread of Zenoh's."""
+        name = vehicle_of(str(sample.key_expr))
         try:
-            report = decoded(Report, sample.payload.to_bytes())
-            name = report.telemetry.vehicle
-            if not is_name(name) or str(sample.key_expr) != telemetry_topic(name):
-                raise WireError(f"telemetry of {name[:32]!r} came as that of another")
-        except WireError as error:
-            _log.warning("what came is left: %s", error)
+            opened = self._guard.opened(name, sample.payload.to_bytes())
+        except RefusedError as refusal:
+            self._refuse(name, str(refusal))
             return
-        vehicle = self._vehicle(name)
-        if vehicle is not None:
+        vehicle = None if opened is None else self._vehicle(name)
+        if opened is None or vehicle is None:
+            return
+        report, is_of_now = opened
+        if is_of_now:
             vehicle.heard(report)
+        else:
+            vehicle.greet()
+
+    def _refuse(self, name: str, why: str) -> None:
+        if self.refused == 0:
+            _log.warning("telemetry was refused: %s; further ones are only counted", why)
+        self.refused += 1
+        with self._lock:
+            known = self._vehicles.get(name)
+        # A name that only refused ones have told of is nobody's.
+        if known is not None:
+            known.refused(why)
 
 
 def _check(endpoint: str, certificates: Path | None) -> None:

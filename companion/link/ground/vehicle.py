@@ -44,6 +44,9 @@ GIVE_UP_S = 5.0
 
 MOST_UNDER_WAY = 16
 
+DOUBT_S = 15.0
+"""So long it is told that something was refused."""
+
 _BYTES_PER_PLACE = 12
 
 _log = logging.getLogger(__name__)
@@ -69,6 +72,8 @@ class LinkedVehicle:
         self._sync = MapSync(folder, by, self._clock)
         self._report: Report | None = None
         self._heard_s = -math.inf
+        self._doubt, self._doubted_s = "", -math.inf
+        self._greets = False
         self._way_m = np.empty((0, 3), np.float32)
         self._way_after = 0
         self._drawing = Drawing()
@@ -168,6 +173,20 @@ class LinkedVehicle:
         order = Order(secrets.token_hex(16), 1, self._name, report.session, clock_s, command, self._signer.name)
         threading.Thread(target=self._send, args=(order, on_answer), name=command.value, daemon=True).start()
 
+    @property
+    def doubt(self) -> str:
+        """Why something that claimed to be its telemetry was refused in the last seconds; empty when nothing was."""
+        return self._doubt if self._clock.now_s() - self._doubted_s <= DOUBT_S else ""
+
+    def refused(self, why: str) -> None:
+        """What came as its telemetry is not."""
+        self._doubt, self._doubted_s = why, self._clock.now_s()
+
+    def greet(self) -> None:
+        """It has not shown yet that it speaks now: once it has been asked something it quotes who asked."""
+        self._greets = True
+        self._news.set()
+
     def heard(self, report: Report) -> None:
         """Telemetry came."""
         before = self._report
@@ -231,6 +250,9 @@ class LinkedVehicle:
         while not self._closing.is_set():
             rest_s = REST_S
             try:
+                if self._greets:
+                    self._greets = False
+                    self._told(Ask("chunks", by=self._by), timeout_s)
                 report = self._report
                 if report is not None and is_map_name(report.map):
                     self._sync.follow(report.map)

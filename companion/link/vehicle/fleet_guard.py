@@ -8,21 +8,15 @@ vehicle has sent in the last seconds: two that come into each other's reach beli
 
 from __future__ import annotations
 
-import math
 from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
-from companion.config.link import is_name
 from companion.control.fleet import MOST_VEHICLES
-from companion.errors import InputError
-from companion.link.certificates import Certificates, Holder, bytes_signed_by
-from companion.link.fleet_envelope import Envelope, Quote, read_envelope
+from companion.link.certificates import Certificates
+from companion.link.envelope import Envelope, read_envelope
 from companion.link.fleet_messages import FleetMessageError, decode
-from companion.link.vehicle.guard import RefusedError
-from companion.link.wire import WireError
-
-CERTIFICATE_PERIOD_S = 1.0
-"""A certificate is larger than most of what it proves: whoever has had it once keeps it."""
+from companion.link.sealing import Proofs, Seal, Sessions
+from companion.link.wire import RefusedError, WireError
 
 QUOTE_HOLDS_S = 5.0
 """What quotes something older of this vehicle may have been written before the sender began anew."""
@@ -34,9 +28,7 @@ MOST_SESSIONS = 4
 @dataclass(slots=True)
 class _Known:
     number: int
-    newest: Quote = ("", 0)
-    sessions: dict[str, int] = field(default_factory=dict)
-    """Those that were believed, oldest first, and the newest number of each."""
+    sessions: Sessions = field(default_factory=lambda: Sessions(MOST_SESSIONS, forgets=True))
 
 
 class FleetGuard:
@@ -53,12 +45,11 @@ class FleetGuard:
         self._name = name
         self._number = number
         self._session = session
-        self._certificates = certificates
-        self._sent = 0
+        self._seal = Seal(session, certificates)
+        self._proofs = Proofs(certificates)
+        self._must_prove = certificates is not None
         self._sent_s: deque[tuple[int, float]] = deque()
-        self._next_certificate_s = -math.inf
         self._known: dict[str, _Known] = {}
-        self._certificate_of: dict[str, bytes] = {}
 
     @property
     def others(self) -> int:
@@ -67,19 +58,11 @@ class FleetGuard:
 
     def sealed(self, message: bytes, now_s: float) -> bytes:
         """What this vehicle tells, ready to be sent."""
-        self._sent += 1
-        self._sent_s.append((self._sent, now_s))
+        heard = {name: known.sessions.newest for name, known in self._known.items()}
+        sealed = self._seal.sealed(message, heard, now_s)
+        self._sent_s.append((self._seal.sent, now_s))
         self._forget(now_s)
-        heard = {name: known.newest for name, known in self._known.items()}
-        envelope = Envelope(self._session, self._sent, heard, message)
-        given = self._certificates
-        if given is not None:
-            certificate = b""
-            if now_s >= self._next_certificate_s:
-                self._next_certificate_s = now_s + CERTIFICATE_PERIOD_S
-                certificate = given.certificate_der
-            envelope = replace(envelope, certificate=certificate, signature=given.sign_bytes(envelope.signed()))
-        return envelope.encode()
+        return sealed
 
     def opened(self, sender: str, data: bytes, now_s: float) -> tuple[int, bytes] | None:
         """What another vehicle told; None while it has not shown whose it is and that it is of now.
@@ -97,49 +80,20 @@ class FleetGuard:
         """
         try:
             envelope = read_envelope(data)
-            who = self._who(sender, envelope)
+            who = self._proofs.whose(sender, envelope)
             if who is None:
                 return None
+            if who.number is None and self._must_prove:
+                raise RefusedError(f"{who.name} has a certificate without a number: make it with --number")
             vehicle = decode(envelope.message).vehicle
-        except (WireError, FleetMessageError, InputError) as error:
+        except (WireError, FleetMessageError) as error:
             raise RefusedError(str(error)) from None
         if vehicle != who.number and who.number is not None:
             raise RefusedError(f"it is of {who.name}, who has the number {who.number}, and says {vehicle}")
         known = self._sender(who.name, vehicle)
-        if envelope.session in known.sessions:
-            if envelope.number <= known.sessions[envelope.session]:
-                raise RefusedError(f"it came before, or after a newer one of {who.name}")
-        else:
-            known.newest = envelope.session, envelope.number
-            if not self._is_of_now(envelope, now_s):
-                return None
-            while len(known.sessions) >= MOST_SESSIONS:
-                del known.sessions[next(iter(known.sessions))]
-        known.sessions[envelope.session] = envelope.number
-        known.newest = envelope.session, envelope.number
+        if not known.sessions.take(who.name, envelope, is_of_now=self._is_of_now(envelope, now_s)):
+            return None
         return vehicle, envelope.message
-
-    def _who(self, sender: str, envelope: Envelope) -> Holder | None:
-        """Whose it is; None while the certificate of a signed one has not come yet."""
-        if not is_name(sender):
-            raise RefusedError("who tells it has no name")
-        if self._certificates is None:
-            return Holder(sender, "vehicle", None)
-        certificate = envelope.certificate
-        if envelope.signature and not certificate:
-            certificate = self._certificate_of.get(sender, b"")
-            if not certificate:
-                return None
-        who = bytes_signed_by(certificate, envelope.signed(), envelope.signature, self._certificates)
-        if who.role != "vehicle":
-            raise RefusedError(f"{who.name} may {who.role}, and is no vehicle")
-        if who.name != sender:
-            raise RefusedError(f"it is told as that of {sender[:32]!r}, but {who.name} has signed it")
-        if who.number is None:
-            raise RefusedError(f"{who.name} has a certificate without a number: make it with --number")
-        if who.name in self._certificate_of or len(self._certificate_of) < MOST_VEHICLES:
-            self._certificate_of[who.name] = certificate
-        return who
 
     def _sender(self, name: str, number: int) -> _Known:
         """What is known of one; of two with one number or one name the second is not believed."""

@@ -15,9 +15,8 @@ import zenoh
 
 from companion.clock import Clock
 from companion.link.vehicle.fleet_guard import FleetGuard
-from companion.link.vehicle.guard import RefusedError
 from companion.link.vehicle.pipe import Kind, send, unread_bytes
-from companion.link.wire import fleet_topic, vehicle_of
+from companion.link.wire import RefusedError, fleet_topic, vehicle_of
 
 SHARE = 0.2
 """Of the bandwidth, for where this vehicle is; and as much again for what it has seen of the ground."""
@@ -32,7 +31,6 @@ class FleetPost:
     """Sends what this vehicle tells, and hands over what others tell.
 
     Args:
-        session: of Zenoh.
         end: of the socket pair, to the application.
         name: of this vehicle.
         guard: seals and opens.
@@ -43,7 +41,6 @@ class FleetPost:
 
     def __init__(
         self,
-        session: zenoh.Session,
         end: socket.socket,
         name: str,
         guard: FleetGuard,
@@ -52,6 +49,7 @@ class FleetPost:
         clock: Clock,
     ) -> None:
         self._end = end
+        self._name = name
         self._guard = guard
         self._take = take
         self._share_bytes_per_s = SHARE * bytes_per_s
@@ -63,8 +61,11 @@ class FleetPost:
         self._came: dict[int, bytes] = {}
         self._refused = 0
         self._why = ""
+
+    def open(self, session: zenoh.Session) -> None:
+        """Be heard, and hear."""
         self._publisher = session.declare_publisher(
-            fleet_topic(name),
+            fleet_topic(self._name),
             congestion_control=zenoh.CongestionControl.DROP,
             priority=zenoh.Priority.DATA_HIGH,
             express=True,

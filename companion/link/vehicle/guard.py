@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from companion.config.link import is_name
 from companion.errors import InputError
 from companion.link.certificates import Certificates, signed_by
-from companion.link.wire import Order, SignedOrder, WireError, decoded
+from companion.link.wire import Order, RefusedError, SignedOrder, WireError, decoded
 from companion.link.words import Answer
 
 MOST_REMEMBERED = 256
@@ -20,10 +20,6 @@ AHEAD_S = 1.0
 
 
 _ID = re.compile(r"[0-9a-f]{32}")
-
-
-class RefusedError(Exception):
-    """An order is not obeyed, and why."""
 
 
 Proof = Callable[[SignedOrder], str]

@@ -38,6 +38,10 @@ class Listeners:
         """Since anybody was heard; infinite before."""
         return now_s - max(self._heard_s.values(), default=-math.inf)
 
+    def recent(self, now_s: float) -> list[str]:
+        """Who is still there, the newest first."""
+        return [who for who, heard_s in reversed(self._heard_s.items()) if now_s - heard_s <= GONE_S]
+
     def have_all(self, now_s: float) -> bool:
         """Whether everybody who follows the map, and is still there, has all of it."""
         return all(has_all or now_s - self._heard_s[who] > GONE_S for who, has_all in self._have_all.items())

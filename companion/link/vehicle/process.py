@@ -29,17 +29,21 @@ from companion.config.link import LinkSettings
 from companion.errors import CompanionError
 from companion.gate.runtime.processes import end_with_parent
 from companion.link.certificates import vehicle_certificates
+from companion.link.envelope import Quote, is_session
 from companion.link.map_wire import answer, read_ask
-from companion.link.session import close_session, open_session
+from companion.link.sealing import Seal
+from companion.link.session import LinkError, close_session, open_session
 from companion.link.vehicle.bandwidth import Bandwidth
 from companion.link.vehicle.fleet_guard import FleetGuard
 from companion.link.vehicle.fleet_post import FleetPost
-from companion.link.vehicle.guard import CommandGuard, RefusedError, by_certificate, by_its_word
+from companion.link.vehicle.guard import CommandGuard, by_certificate, by_its_word
 from companion.link.vehicle.listeners import Listeners
 from companion.link.vehicle.map_teller import MapTeller
 from companion.link.vehicle.pipe import Kind, receive, send
+from companion.link.vehicle.revocation import Revocation
 from companion.link.wire import (
     Order,
+    RefusedError,
     Report,
     command_topic,
     decoded,
@@ -68,6 +72,9 @@ ANSWER_TIMEOUT_S = 2.0
 MOST_REFUSED, REFUSED_PERIOD_S = 30, 60.0
 """Refusals that are logged in this time."""
 
+MOST_QUOTED = 16
+"""Of those at the ground, in each telemetry."""
+
 TELEMETRY_SHARE = 0.25
 """Of the bandwidth; it comes less often where more would be needed."""
 
@@ -94,6 +101,8 @@ def serve(end: socket.socket, settings: LinkSettings, journal: Path, number: int
         return
     try:
         process.run()
+    except LinkError as error:
+        send(end, Kind.TROUBLE, str(error).encode())
     finally:
         process.close()
 
@@ -119,6 +128,9 @@ class LinkProcess:
         self._teller = MapTeller(self._session_id, journal, self._clock)
         folder, name = settings.certificates, settings.name
         given = None if folder is None else vehicle_certificates(folder, name, number)
+        self._given = given
+        self._revocation = None if given is None else Revocation(given)
+        self._seal = Seal(self._session_id, given)
         proof = by_its_word if given is None else by_certificate(given, settings.commanders)
         self._guard = CommandGuard(settings.name, self._session_id, settings.oldest_command_s, proof)
         self._bandwidth = Bandwidth(settings.limit_kbps, self._clock.now_s())
@@ -135,11 +147,22 @@ class LinkProcess:
         self._end_s: float | None = None
         self._has_read_all = False
         """Whether the journal was read to its end after the flight."""
-        self._zenoh = open_session(settings.listen, settings.connect, given)
         self._fleet: FleetPost | None = None
         if number is not None:
             guard = FleetGuard(name, number, self._session_id, given)
-            self._fleet = FleetPost(self._zenoh, end, name, guard, self._take, self._bandwidth.bytes_per_s, self._clock)
+            self._fleet = FleetPost(end, name, guard, self._take, self._bandwidth.bytes_per_s, self._clock)
+        self._open()
+        self._worker = threading.Thread(target=self._tell_map, name="map", daemon=True)
+        self._worker.start()
+
+    def _open(self) -> None:
+        """Be heard, and hear.
+
+        Raises:
+            LinkError: the session cannot be opened.
+        """
+        settings, name = self._settings, self._settings.name
+        self._zenoh = open_session(settings.listen, settings.connect, self._given)
         self._publisher = self._zenoh.declare_publisher(
             telemetry_topic(name),
             congestion_control=zenoh.CongestionControl.DROP,
@@ -148,8 +171,19 @@ class LinkProcess:
         )
         self._commands = self._zenoh.declare_queryable(command_topic(name), self._on_command)
         self._map = self._zenoh.declare_queryable(map_topic(name), self._on_ask)
-        self._worker = threading.Thread(target=self._tell_map, name="map", daemon=True)
-        self._worker.start()
+        if self._fleet is not None:
+            self._fleet.open(self._zenoh)
+
+    def _cut_revoked(self) -> None:
+        """Zenoh asks who may hear only when a session is opened; the others are back within a second or two."""
+        if self._revocation is None or not self._revocation.has_changed():
+            return
+        _log.warning("the list of who is revoked has changed: every connection is made anew")
+        with self._guarded:
+            # They are asked again, and what has become of them meanwhile is known then.
+            self._pending.clear()
+        close_session(self._zenoh)
+        self._open()
 
     def run(self) -> None:
         """Until the application is gone, or the flight is over and the ground has everything."""
@@ -169,6 +203,7 @@ class LinkProcess:
                 with self._guarded:
                     silent_s = self._listeners.silent_s(now_s)
                 send(self._end, Kind.BEAT, f"{silent_s:.2f}".encode())
+                self._cut_revoked()
                 if self._fleet is not None:
                     self._fleet.tell_refused()
             if self._end_s is not None and self._is_over(now_s):
@@ -210,12 +245,19 @@ class LinkProcess:
         now_s = self._clock.now_s()
         if now_s < self._next_telemetry_s:
             return
-        message = encoded(Report(self._session_id, now_s, self._teller.map, self._drawing, telemetry))
+        report = Report(self._session_id, now_s, self._teller.map, self._drawing, telemetry)
+        message = self._seal.sealed(encoded(report), self._heard(now_s), now_s)
         self._take(len(message))
         slowest_s = len(message) / (TELEMETRY_SHARE * self._bandwidth.bytes_per_s)
         # A little less than the period: what comes a moment early must not be left out.
         self._next_telemetry_s = now_s + max(0.9 / self._settings.telemetry_hz, slowest_s)
         self._publisher.put(message)
+
+    def _heard(self, now_s: float) -> dict[str, Quote]:
+        """Those at the ground, by what they call themselves when they ask."""
+        with self._guarded:
+            recent = self._listeners.recent(now_s)
+        return {who: (who, 0) for who in filter(is_session, recent[:MOST_QUOTED])}
 
     def _take(self, size_bytes: int) -> None:
         with self._guarded:

@@ -1,7 +1,8 @@
-"""A message of the fleet as it goes over the link: with what shows that it is new, and who has sent it.
+"""What a vehicle tells, as it goes over the link: with what shows that it is new, and who has sent it.
 
 The session and the number in it tell a repeated message; what the sender quotes of each other vehicle tells the other
 that it was written after that, so that nothing of an earlier flight can be played back. Both need no common clock.
+The ground, which tells nothing, is quoted by what it has drawn for itself.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ LARGEST_HEADER_BYTES, LARGEST_PROOF_BYTES = 4_096, 4_096
 LARGEST_ENVELOPE_BYTES = LARGEST_BYTES + LARGEST_HEADER_BYTES + LARGEST_PROOF_BYTES
 
 Quote = tuple[str, int]
-"""The session of a vehicle's link, and the number of a message in it."""
+"""The session of a vehicle's link, and the number of a message in it; at the ground its own session, and 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +37,8 @@ class Envelope:
     Attributes:
         session: drawn anew each time that the sender's process of the link starts.
         number: grows with each message of a session.
-        heard: by the names of other vehicles, the newest that the sender had of them.
-        message: what a `FleetMessage` is as bytes.
+        heard: by the names of other vehicles, the newest that the sender had of them, or of those at the ground.
+        message: what it tells, as bytes.
         certificate: of the sender, DER; empty where it was sent a moment ago, and on loopback without certificates.
         signature: of `signed`; empty without certificates.
     """
@@ -71,12 +72,12 @@ def read_envelope(data: bytes) -> Envelope:
         WireError: they are none.
     """
     if not _PREFIX.size <= len(data) <= LARGEST_ENVELOPE_BYTES:
-        raise WireError(f"no message of the fleet: {len(data)} bytes")
+        raise WireError(f"no sealed message: {len(data)} bytes")
     magic, version, head, certificate, signature = _PREFIX.unpack_from(data)
     if (magic, version) != (_MAGIC, _VERSION) or head > LARGEST_HEADER_BYTES:
-        raise WireError(f"no message of the fleet: it begins with {magic!r}, version {version}")
+        raise WireError(f"no sealed message: it begins with {magic!r}, version {version}")
     if certificate + signature > LARGEST_PROOF_BYTES:
-        raise WireError("no message of the fleet: its proof is too long")
+        raise WireError("no sealed message: its proof is too long")
     at, parts = _PREFIX.size, []
     for length in (head, certificate, signature):
         parts.append(data[at : at + length])
@@ -88,11 +89,16 @@ def read_envelope(data: bytes) -> Envelope:
         quotes = {name: _quote(*quote) for name, quote in heard.items()}
         return Envelope(*_quote(session, number), quotes, data[at:], parts[1], parts[2])
     except (ValueError, TypeError, RecursionError) as error:
-        raise WireError(f"no message of the fleet: {error}") from None
+        raise WireError(f"no sealed message: {error}") from None
+
+
+def is_session(text: str) -> bool:
+    """Whether a session may be called so."""
+    return _SESSION.fullmatch(text) is not None
 
 
 def _quote(session: Any, number: Any) -> Quote:
-    if not isinstance(session, str) or _SESSION.fullmatch(session) is None:
+    if not isinstance(session, str) or not is_session(session):
         raise ValueError("a session is none")
     if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number <= LARGEST_NUMBER:
         raise ValueError("a number is none")
