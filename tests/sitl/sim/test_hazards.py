@@ -94,6 +94,24 @@ def test_without_light_it_stops_and_says_what_is_missing() -> None:
     assert np.abs(flight.log.column("speed_mps")[-10:]).max() < 0.15
 
 
+def test_a_dark_dead_end_is_turned_away_from() -> None:
+    """Protects the flight home: a wall without echo fills the picture, and the vehicle stood before it until it landed.
+
+    With this seed it comes there after half a minute.
+    """
+    world = load_world("hazard:dark-wall", 1)
+    start = replace(BEFORE, x_m=21.5)
+    flight = Flight(1, world, RayCaster(world), FLIGHT, start, np.random.SeedSequence(2))
+    least_light_s = 0.0
+    while flight.vehicle.pose.t_s < 50.0 and not flight.touched:
+        flight.tick(FLIGHT.control.period_s, fleet=False)
+        least_light_s = max(least_light_s, flight.blind_s)
+    assert not flight.touched
+    assert flight.log.column("x_m").max() > 25.5, "it was before it"
+    assert least_light_s < 1.0
+    assert flight.vehicle.path_m > 10.0, "it flew on"
+
+
 @pytest.mark.long
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("name", HAZARDS)
