@@ -87,7 +87,7 @@ class Navigator:
         """G, as far as it has been met: nothing steers by it."""
         self.choice = Choice(parameters, self.known_ground)
         """Which way the exploring takes."""
-        self.homing = Homing(parameters, self.known_ground)
+        self.homing = Homing(parameters, self.known_ground, self.choice)
         self._decisions: Decisions = self.choice
         self._way = KnownWay(parameters, self._decisions)
         self._laps = LapCounter()

@@ -87,6 +87,7 @@ class Lookout:
             charge_percent=self.prospect.charge_percent,
             reserve_due=self.prospect.should_turn_back,
             is_home=self._control_loop.is_home,
+            way_closed=self._control_loop.way_is_closed,
         )
 
     def _look_for_more(self, now_s: float) -> None:

@@ -93,7 +93,7 @@ class ControlLoop:
         self.off_m: float | None = None
         """How far home is; None: nobody knows."""
         self.way: WayHome | None = None
-        self.is_home = False
+        self.is_home = self.way_is_closed = False
         self.sees = True
         self.measurement: Measurement | None = None
         self.fails = False
