@@ -123,6 +123,20 @@ def test_where_the_way_home_is_closed_it_lands_as_near_to_home_as_it_gets() -> N
     assert track.distances_m().min() > 0.6
 
 
+@pytest.mark.parametrize(("width_m", "seed"), [(2.2, 2), (1.8, 3), (1.9, 1)])
+def test_a_gap_that_it_flew_out_through_is_flown_home_through(width_m: float, seed: int) -> None:
+    """A gap is hardly wider than what the scan has to confirm: the first two were blocked for good, and it landed."""
+    posts = (box(9.0, -2.0, 9.2, -width_m / 2.0), box(9.0, width_m / 2.0, 9.2, 2.6))
+    scene = Scene(BEND_OUTLINE, *posts)
+    navigator, there = explored(scene, 80.0, level, seed=seed)
+    assert there.x_m > 10.0, "it has flown through"
+    track = flown_home(navigator, scene, there, level, most_s=250.0)
+    assert navigator.is_home
+    assert not navigator.homing.is_closed
+    assert math.hypot(track.poses[-1].x_m, track.poses[-1].y_m) < 0.5
+    assert track.distances_m().min() > 0.8
+
+
 def test_behind_what_is_unseen_another_way_home_is_looked_for() -> None:
     """A door has closed behind it, and the other way round the ring has not been seen: it comes home by that."""
     navigator, there = explored(RING, 70.0)
