@@ -61,6 +61,8 @@ class Lookout:
         if session.flight.paused:
             self._paused_s += now_s - self._looked_s
         self._looked_s = now_s
+        # First: a mode that is not ours is the gate's doing where it has said so.
+        session.gate.look()
         state = session.telemetry.state(now_s)
         if state.battery_percent is not None:
             self._battery_s = now_s
