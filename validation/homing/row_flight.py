@@ -9,7 +9,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from tests.integration.rig import BOOT_S, process, transmitter
 from tests.integration.whole import end_family
 from tests.integration.witness import Witness, apart_m
 from validation.fault_matrix.processes import children, map_process
-from validation.landed import last_words, not_in_time
+from validation.landed import landed_off_m, last_words, not_in_time, off_start_m
 
 APPLICATION = 191
 START_S, OUT_S = 240.0, 180.0
@@ -50,6 +50,7 @@ class Row:
         out_m: it is ordered home when it is so far from its start.
         most_s: how long the way home and the landing may take.
         battery_minutes: from full to empty.
+        has_truth: whether the world goes on to write where the vehicle truly is.
         personalities: with which it is flown: both where the autopilot has a part in it.
     """
 
@@ -65,6 +66,7 @@ class Row:
     out_m: float = 7.0
     most_s: float = 150.0
     battery_minutes: float = 30.0
+    has_truth: bool = True
     personalities: tuple[str, ...] = ("px4", "ardupilot")
 
 
@@ -76,8 +78,8 @@ class Came:
         row: its name.
         personality: px4 or ardupilot.
         ended: why the way home ended, as the summary says.
-        lay_m: how far from its start the vehicle was in the end.
-        went_m: how far from where it was when this happened.
+        lay_m: how far from its start the vehicle was in the end; in truth, where the world went on.
+        went_m: how far from where it was when this happened, as that.
         mode: of the autopilot, in the end.
         armed: whether it was still armed.
         contacts: with anything, in truth.
@@ -171,26 +173,25 @@ def fly(row: Row, personality: str, folder: Path, settings: Mapping[str, Any] | 
         settings=dict(settings or {}),
         autopilot=("--boot-s", f"{BOOT_S:g}", "--battery-minutes", f"{row.battery_minutes:g}"),
     )
-    found = _Found()
+    found: dict[str, Any] = {}
     try:
-        _underway(row, plan, found)
+        found |= _underway(row, plan)
+        happened_s = found.pop("happened_s")
         (summary,) = folder.glob("*/summary.json")
         end = json.loads(summary.read_text(encoding="utf-8"))["end"]
-        found.values |= {"ended": None if end is None else end["ended_because"]}
-        truth = folder / "truth.json"
-        if truth.exists():
-            found.values |= {"contacts": json.loads(truth.read_text(encoding="utf-8"))["contacts"]}
+        found["ended"] = None if end is None else end["ended_because"]
+        found["contacts"] = json.loads((folder / "truth.json").read_text(encoding="utf-8"))["contacts"]
+        if row.has_truth:
+            truth = folder / "truth.csv"
+            found["lay_m"] = round(off_start_m(truth), 2)
+            found["went_m"] = landed_off_m(truth, happened_s)
     except (CompanionError, OSError, AssertionError, KeyError, ValueError) as error:
-        found.values |= {"problem": f"{type(error).__name__}: {error}"}
-    return Came(row.name, personality, **found.values)
+        found["problem"] = f"{type(error).__name__}: {error}"
+    return Came(row.name, personality, **found)
 
 
-@dataclass(slots=True)
-class _Found:
-    values: dict[str, Any] = field(default_factory=dict)
-
-
-def _underway(row: Row, plan: FlightPlan, found: _Found) -> None:
+def _underway(row: Row, plan: FlightPlan) -> dict[str, Any]:
+    """What was seen of the flight from the ground, and when it happened, by `time.monotonic`."""
     log = plan.folder / "application.log"
     with Crew(plan) as crew, Witness(crew.ports.ground) as witness, process(log, crew.application("--fix")) as gate:
         flight = Underway(plan.personality, crew, gate, witness, log)
@@ -210,7 +211,8 @@ def _underway(row: Row, plan: FlightPlan, found: _Found) -> None:
             after_s = time.monotonic() - happened_s
             time.sleep(SETTLED_S)
             end = witness.poses[-1]
-            found.values |= {
+            return {
+                "happened_s": happened_s,
                 "lay_m": round(apart_m(start, end), 2),
                 "went_m": round(apart_m(there, end), 2),
                 "mode": witness.mode,

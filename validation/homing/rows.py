@@ -65,15 +65,13 @@ def _interrupt_again(flight: Underway) -> None:
         time.sleep(1.0)
 
 
-HERE = {"from_m": WHERE_IT_IS_M}
-
 ROWS = (
     Row("depth back", "depth is lost for 3 s", ("home",), _depth_back, "stopped: no depth", (0.0, HOME_M),
         personalities=("px4",)),
     Row("depth gone", "depth and ranges are lost", ("inputs lost", "gate took over"), _depth_gone, "stopped: no depth",
-        from_m=WHERE_IT_IS_M),
+        from_m=WHERE_IT_IS_M, has_truth=False),
     Row("pose gone", "the fix is lost", ("gate took over", "autopilot failsafe took over", "inputs lost"),
-        lambda flight: flight.tell_autopilot("gps off"), from_m=4.0),
+        lambda flight: flight.tell_autopilot("gps off"), from_m=WHERE_IT_IS_M),
     Row("home taken", "rock has fallen where it took off", ("home",), lambda _flight: None,
         "where it took off cannot be got to", (1.0, 8.0), world="hazard:roof-fall", out_m=13.0, most_s=240.0,
         personalities=("px4",)),

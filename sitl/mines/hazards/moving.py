@@ -48,7 +48,7 @@ def door_on_loop() -> World:
 def roof_fall() -> World:
     """A fall of roof where flights begin, while the vehicle is away: it cannot land there any more."""
     above_m = HEIGHT_M + 0.5
-    heap = box((START_M[0] - 0.5, -1.0, above_m), (START_M[1] + 0.5, 1.0, above_m + 1.2))
+    heap = box((START_M[0] - 0.5, -1.0, above_m), (START_M[1] + 0.5, 1.0, above_m + 2.4))
     falls = _mover(heap, (0.0, 0.0, -(above_m + 0.2)), FALL_MPS, Trigger(13.5, 0.0, 2.0))
     told = "a fall of roof where the flight began, while the vehicle is away"
     return mine("roof-fall", told, rough(main_and_branch()), Conditions(movers=(falls,)))
