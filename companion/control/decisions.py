@@ -150,10 +150,14 @@ class Decisions(ABC):
 
     def see(self, measurement: Measurement, pose: Pose) -> None:
         """Note what has been seen, twice a second: that is every quarter of a metre at 0.5 m/s."""
-        self._h_m = measurement.h_m
+        self.stand_over(measurement.h_m)
         if measurement.t_s >= self._next_look_s:
             self._next_look_s = measurement.t_s + LOOK_PERIOD_S
             self._ground.see(measurement, pose)
+
+    def stand_over(self, h_m: float | None) -> None:
+        """Note how high the vehicle is above the ground; what it sees others note."""
+        self._h_m = h_m
 
     def place(self, pose: Pose) -> Place:
         """The ground below the vehicle."""

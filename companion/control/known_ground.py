@@ -330,6 +330,10 @@ class KnownGround:
     def take_up_again(self) -> None:
         """What was given up attracts again, and what was blocked may be tried again."""
         self._grid.cells[self._grid.cells == GIVEN_UP] = UNSEEN
+        self.unblock()
+
+    def unblock(self) -> None:
+        """What was blocked may be tried again."""
         self._blocked.clear()
 
     def _with_blocked(self, window: Window, border: int) -> Window:

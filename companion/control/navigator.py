@@ -87,7 +87,7 @@ class Navigator:
         """G, as far as it has been met: nothing steers by it."""
         self.choice = Choice(parameters, self.known_ground)
         """Which way the exploring takes."""
-        self.homing = Homing(parameters, self.known_ground)
+        self.homing = Homing(parameters, self.known_ground, self.choice)
         self._decisions: Decisions = self.choice
         self._way = KnownWay(parameters, self._decisions)
         self._laps = LapCounter()
@@ -303,8 +303,7 @@ class Navigator:
         if target.is_reached(pose, self.parameters.target_radius_m):
             self._arrive(target, scan, pose, t_s)
         elif target.kind is TargetKind.KNOWN and self._way.is_blocked(measurement, scan, target, pose, t_s):
-            self._decisions.block_way(target, pose, t_s)
-            self._enter(Mode.BOUNDARY, pose, t_s)
+            self._go_round(measurement, scan, target, pose, t_s)
         elif self._progress.has_ended(target, pose, t_s):
             self._enter(Mode.CIRCLE, pose, t_s)
         elif self._escapes() and abs(target.bearing_rad(pose)) >= math.pi / 2.0:
@@ -318,6 +317,17 @@ class Navigator:
             if target.kind is not TargetKind.WALL:
                 self._gamma = 1 if measurement.d_bearing_rad > 0.0 else -1
             self._enter(Mode.BOUNDARY, pose, t_s)
+
+    def _go_round(self, measurement: Measurement, scan: Scan, target: Target, pose: Pose, t_s: float) -> None:
+        """Where a straight cannot be flown, on the way home by a point beside it; else another way is sought."""
+        point = None
+        if self.homing.homeward is not None:
+            point = self._way.go_round(measurement, scan, target, pose, t_s)
+        if point is not None:
+            self._fly_to(*point, TargetKind.KNOWN, pose, t_s)
+            return
+        self._decisions.block_way(target, pose, t_s)
+        self._enter(Mode.BOUNDARY, pose, t_s)
 
     def _boundary_comes_first(self, measurement: Measurement) -> bool:
         """Whether an obstacle at d_s lies ahead, or one well inside of d_s beside: R2 alone would not leave it."""

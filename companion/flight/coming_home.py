@@ -97,7 +97,7 @@ class ComingHome:
         self._prospect = prospect
         self._events = events
         self._short_since_s: float | None = None
-        self._told_short = False
+        self._told_short = self._told_closed = False
 
     async def run(self, because: Termination) -> Termination:
         """Fly home; why that ended.
@@ -128,6 +128,9 @@ class ComingHome:
             if self.homecoming.charge_promised_percent is None:
                 self.homecoming.charge_promised_percent = self._prospect.left_percent
             self._watch_reach(now_s)
+            if self._control_loop.way_is_closed and not self._told_closed:
+                self._told_closed = True
+                self._events.emit(Event.WAY_CLOSED)
             await clock.sleep(LOOK_PERIOD_S)
         came = self.homecoming
         came.ended, came.homing_s = why, clock.now_s() - began_s
@@ -166,7 +169,7 @@ class ComingHome:
         if why is Termination.HOME and self._control_loop.lands_elsewhere:
             self._events.emit(Event.LANDS_BESIDE_HOME)
         unfit = self._unfit(self._control_loop.measurement)
-        if why is Termination.HOME and unfit:
+        if why in (Termination.HOME, Termination.CLOSED) and unfit:
             self._events.emit(Event.UNFIT_TO_LAND, what=" and ".join(unfit))
 
     def _unfit(self, measurement: Measurement | None) -> list[str]:

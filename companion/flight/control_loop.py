@@ -117,10 +117,15 @@ class ControlLoop:
         """Whether the ground below has ended, and it is on its way back to where there was some."""
         return self._explorer.goes_back
 
+    @property
+    def way_is_closed(self) -> bool:
+        """Whether no way home was found, and it lands as near to home as it gets."""
+        return self._explorer.navigator.homing.is_closed
+
     def off_home_m(self) -> float | None:
         """How far home is as the crow flies, by what the vehicle recognises; None without a pose or a home."""
         homing = self._explorer.navigator.homing
-        return None if self.pose is None or homing.home is None else homing.to_go_m(homing.pose(self.pose))
+        return None if self.pose is None or homing.began_at is None else homing.off_home_m(homing.pose(self.pose))
 
     @property
     def is_home(self) -> bool:

@@ -132,6 +132,12 @@ class Event(enum.Enum):
         content.HOMING,
         severity=_WARNING,
     )
+    WAY_CLOSED = Texts(
+        "the way home is closed, and no other was found: it lands as near to home as it gets",
+        "way home closed: lands as near as it gets",
+        content.HOMING,
+        severity=_WARNING,
+    )
     HOMING_ENDED = Texts(
         "the way home ended: {why}; {then}", "companion: {brief}: {then}", content.ENDED, "{recorded}", _NOTICE
     )

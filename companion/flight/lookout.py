@@ -61,6 +61,8 @@ class Lookout:
         if session.flight.paused:
             self._paused_s += now_s - self._looked_s
         self._looked_s = now_s
+        # First: a mode that is not ours is the gate's doing where it has said so.
+        session.gate.look()
         state = session.telemetry.state(now_s)
         if state.battery_percent is not None:
             self._battery_s = now_s
@@ -87,6 +89,7 @@ class Lookout:
             charge_percent=self.prospect.charge_percent,
             reserve_due=self.prospect.should_turn_back,
             is_home=self._control_loop.is_home,
+            way_closed=self._control_loop.way_is_closed,
         )
 
     def _look_for_more(self, now_s: float) -> None:

@@ -47,6 +47,8 @@ class Termination(enum.StrEnum):
     TIME = "time limit"
     HOME = "home"
     """The way home has ended where it should."""
+    CLOSED = "way home closed"
+    """None was found, and it has come as near to home as it gets."""
 
     @property
     def as_it_should(self) -> bool:
@@ -102,7 +104,8 @@ class Conditions:
         map_silent_s: time since the process of the map was last heard.
         charge_percent: what is left of the battery, by `Charge`; None while nobody says.
         reserve_due: whether the reserve says that it is time to turn back.
-        is_home: whether the vehicle has come home and stands there.
+        is_home: whether the vehicle has come home and stands there, or where it lands in its place.
+        way_closed: whether that is as near to home as it gets.
     """
 
     vehicle: VehicleState
@@ -121,6 +124,7 @@ class Conditions:
     charge_percent: float | None
     reserve_due: bool
     is_home: bool
+    way_closed: bool
 
 
 def termination(now: Conditions, settings: Settings) -> Termination | None:
@@ -153,6 +157,7 @@ def homing_end(now: Conditions, settings: Settings, limit_s: float) -> Terminati
         (Termination.BATTERY, is_spent(now, settings)),
         (Termination.INPUTS, now.blind_s > settings.mission.input_timeout_s),
         (Termination.STOPPED, now.landing_asked),
+        (Termination.CLOSED, now.is_home and now.way_closed),
         (Termination.HOME, now.is_home),
         (Termination.TIME, now.flown_s > limit_s),
     )

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from companion.config.load import load_settings
 from companion.config.settings import Settings
 from companion.control.decisions import Choice
+from companion.control.dogleg import dogleg
 from companion.control.edges import Edge, corridor_is_free, lies_along_boundary, open_direction
 from companion.control.informed import WallFollowing, find_ways
 from companion.control.known_ground import KnownGround, Place
@@ -178,6 +179,7 @@ def _decide(measurement: Measurement, pose: Pose, settings: Settings) -> None:
     lies_along_boundary(scan, edge, margin_m)
     open_direction(scan, critical_margin_m)
     width_m(scan, 1, settings.control)
+    dogleg(scan, edge.target_bearing_rad, edge.target_range_m, critical_margin_m)
     ground = KnownGround()
     for x_m in (-8.0, -6.0, -4.0, -2.0):
         ground.see(measurement, replace(pose, x_m=x_m))

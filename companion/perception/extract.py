@@ -19,6 +19,7 @@ from companion.model import (
     HIT,
     UNKNOWN,
     Beam,
+    DepthFrame,
     FloatArray,
     Input,
     Measurement,
@@ -27,6 +28,7 @@ from companion.model import (
     Scan,
 )
 from companion.perception.approach import Approach, nearest_of
+from companion.perception.dark import DARK_S, dark_look, is_filled_by_wall
 from companion.perception.depth import Slab, look_ahead
 from companion.perception.ground_below import GroundBelow, above_ground_m
 from companion.perception.look import Look, bin_bearings, planar_look
@@ -86,6 +88,7 @@ class Extractor:
         self._ground = GroundBelow(height_m - self._slab.half_height_m, settings.scan.max_ground_slope)
         self._ahead: Look | None = None
         self._ground_slope: float | None = None
+        self._shown_s = -math.inf
         self._around: Look | None = None
         self._beams = Beams(settings.beams)
         self._approaches = {side: [Approach(towards_rad) for _ in range(3)] for side, towards_rad in _SIDEWAYS.items()}
@@ -104,23 +107,11 @@ class Extractor:
         ground_m = self._ground.height_m(t_s)
         if over_shaft:
             self._shafts.mark(pose)
-        if (
-            observation.frame is not None
-            and observation.frame.pose.is_finite
-            and ground_m is not None
-            and shows_anything(observation.frame)
-        ):
+        if observation.frame is not None and observation.frame.pose.is_finite and ground_m is not None:
             h_then_m = observation.frame.pose.z_m - ground_m
             # A jump of the estimate can put the vehicle below the ground: that frame says nothing.
             if 0.0 < h_then_m < FARTHEST_GROUND_M:
-                view, then = view_of(observation.frame), observation.frame.pose
-                self._ahead, self._ground_slope = look_ahead(
-                    view, observation.frame, h_then_m, self._slab, self._settings.scan.bins
-                )
-                self._memory.remember_view(view, then, self._settings.scan.memory_look_m, observation.frame.t_s)
-                # Nearer, the floor before it is below the picture.
-                self._remember(self._ahead, then.z_m, self._ahead.inferred)
-                self._approach(self._ahead, 0, (Beam.FRONT,))
+                self._look(observation.frame, h_then_m)
         if observation.planar is not None and observation.planar.pose.is_finite:
             self._around = planar_look(observation.planar, self._settings.scan.bins)
             self._remember(self._around, observation.planar.pose.z_m, self._around.state == HIT)
@@ -150,6 +141,26 @@ class Extractor:
             sides=self._sides(pose, t_s, recent_m),
             over_shaft=over_shaft,
         )
+
+    def _look(self, frame: DepthFrame, h_m: float) -> None:
+        """Take what an image says; that of a wall without echo which fills it is a look that sees nothing new."""
+        bins, view = self._settings.scan.bins, view_of(frame)
+        if shows_anything(frame):
+            self._shown_s = frame.t_s
+            self._ahead, self._ground_slope = look_ahead(view, frame, h_m, self._slab, bins)
+            self._memory.remember_view(view, frame.pose, self._settings.scan.memory_look_m, frame.t_s)
+            # Nearer, the floor before it is below the picture.
+            self._remember(self._ahead, frame.pose.z_m, self._ahead.inferred)
+            self._approach(self._ahead, 0, (Beam.FRONT,))
+        elif frame.t_s - self._shown_s <= DARK_S:
+            scan = self._blank()
+            self._memory.recall(scan, frame.pose, frame.t_s)
+            if is_filled_by_wall(view, scan, h_m):
+                self._ahead, self._ground_slope = dark_look(frame, bins), None
+
+    def _blank(self) -> Scan:
+        bins = self._bearings_rad.size
+        return Scan(self._bearings_rad, np.zeros(bins), np.full(bins, UNKNOWN, np.uint8), np.zeros(bins, np.bool_))
 
     def _vertical_m(self, pose: Pose, h_m: float | None, t_s: float) -> tuple[float | None, float]:
         """The roof above, and the rise of the ground ahead: a beam looks at one point, the camera saw the rest."""
@@ -202,8 +213,7 @@ class Extractor:
         self._memory.remember(pose, self._bearings_rad[hits], look.ranges_m[hits], look.t_s)
 
     def _scan(self, looks: Sequence[Look], pose: Pose, t_s: float) -> tuple[Scan, FloatArray]:
-        bins = self._bearings_rad.size
-        scan = Scan(self._bearings_rad, np.zeros(bins), np.full(bins, UNKNOWN, np.uint8), np.zeros(bins, np.bool_))
+        scan = self._blank()
         for look in looks:
             _carry(scan, look, pose.x_m, pose.y_m, pose.yaw_rad)
         for beam, bearing_rad in _SIDEWAYS.items():
@@ -224,7 +234,9 @@ class Extractor:
             if sees_nothing(reading) and scan.state[b] == UNKNOWN:
                 scan.ranges_m[b], scan.state[b], scan.fresh[b] = reading.max_range_m, CLEAR, True
             return
-        self._memory.remember(read_at, np.array([bearing_rad]), np.array([range_m]), reading.t_s)
+        self._memory.remember(
+            read_at, np.array([bearing_rad]), np.array([range_m]), reading.t_s, self._beams.is_sure(beam)
+        )
         if scan.state[b] != HIT or range_m < scan.ranges_m[b]:
             scan.ranges_m[b], scan.state[b], scan.fresh[b] = range_m, HIT, True
 

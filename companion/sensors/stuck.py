@@ -66,6 +66,9 @@ class FrozenImages:
             values: of any shape; kept, so it must not be written to any more.
             pose: from where it was taken, as far as its stamp can be believed.
         """
+        if np.isnan(values).all():
+            # Nothing measured is nothing old: a lens before black rock sees the same wherever it turns.
+            return False
         # As whole numbers: a NaN is equal to itself then.
         bits = values.reshape(-1).view(f"u{values.itemsize}")
         for seen, first in self._seen:

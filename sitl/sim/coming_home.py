@@ -73,7 +73,7 @@ class ComingHome:
         elif flight.battery.is_empty:
             self.ended_because = "battery empty"
         elif flight.navigator.is_home:
-            self.ended_because = "home"
+            self.ended_because = "way home closed" if flight.navigator.homing.is_closed else "home"
         elif _is_critical(flight, self._settings):
             self.ended_because = "landed on the way: battery"
         elif flight.vehicle.pose.t_s - began.began_s > self._limit_s():
@@ -90,7 +90,7 @@ class ComingHome:
 
     def _land(self) -> None:
         flight = self._flight
-        to_go_m = flight.navigator.homing.to_go_m(flight.home_pose())
+        to_go_m = flight.navigator.homing.off_home_m(flight.home_pose())
         left_percent = flight.battery.left_percent - LANDING_S * flight.battery.percent_per_s
         self._came = Came(flight.vehicle.pose, flight.vehicle.path_m, to_go_m, left_percent)
 

@@ -18,6 +18,7 @@ from companion.control.homing.homing import WayHome
 from companion.flight.airborne import GOES_BACK_S, Airborne
 from companion.flight.events import Event, EventEmitter
 from companion.flight.gate_client import GateClient, GateLostError, GateTookOverError
+from companion.flight.lookout import Lookout
 from companion.flight.operator_commands import InterruptedFlightError, OperatorCommands, Wish
 from companion.flight.phase import FlightPhase, PhaseMachine
 from companion.flight.termination import Termination
@@ -94,8 +95,7 @@ class ControlLoop:
         self.off_m: float | None = None
         """How far home is; None: nobody knows."""
         self.way: WayHome | None = None
-        self.is_home = False
-        self.goes_back = False
+        self.is_home = self.way_is_closed = self.goes_back = False
         self.sees = True
         self.measurement: Measurement | None = None
         self.fails = False
@@ -224,6 +224,17 @@ def stand(monkeypatch: pytest.MonkeyPatch) -> Iterator[Stand]:
     monkeypatch.setattr(completion, "SUSTAINED_S", 0.0)
     with FakeGate() as gate:
         yield Stand(gate)
+
+
+def test_a_mode_that_the_gate_has_asked_for_is_not_taken_for_a_pilots(stand: Stand) -> None:
+    """Protects the summary: ArduPilot tells of a new mode at once, before the application listens to the gate again."""
+    parts: Any = (stand.flight._session, stand.operator, stand.vehicle, stand.control_loop, stand)
+    lookout = Lookout(*parts)
+    stand.gate.notify(Notice(Stage.HOLD, Fault.GPS_LOST, "hold: gps_lost"))
+    stand.vehicle.taken_over = "brake"
+    now = lookout.look()
+    assert now.taken_over
+    assert now.gate_took_over
 
 
 async def test_the_gate_knows_what_is_to_be_expected_at_every_time(stand: Stand) -> None:

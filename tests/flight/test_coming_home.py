@@ -71,6 +71,9 @@ class Homeward(Stand):
             self.control_loop.sees = False
         elif what == "drains ten times as fast":
             self.drain = 10.0 * DRAIN_PERCENT_PER_S
+        elif what == "no way":
+            self.control_loop.way_is_closed = True
+            self.flies_s = 20.0
         elif what == "stop":
             self.operator.wish = Wish.END
         elif what == "landing ordered":
@@ -136,6 +139,7 @@ async def test_it_turns_back_when_the_reserve_would_be_flown(homeward: Homeward)
         ("blind", Termination.INPUTS, ["land"]),
         ("drains ten times as fast", Termination.BATTERY, ["land"]),
         ("nothing", Termination.TIME, ["land"]),
+        ("no way", Termination.CLOSED, ["land"]),
         ("landing ordered", Termination.STOPPED, ["land"]),
         ("pilot", Termination.PILOT, []),
         ("gate holds", Termination.GATE, []),
@@ -158,6 +162,7 @@ async def test_when_home_cannot_be_reached(
     event = Event.HOMING_ENDED if came.as_it_should else Event.HOMING_ENDED_EARLY
     (said,) = homeward.seen(event)
     assert said["then"] == ("landing" if told else "hands off")
+    assert len(homeward.seen(Event.WAY_CLOSED)) == (ended is Termination.CLOSED), "told once, when it is found out"
 
 
 async def test_a_way_home_that_takes_too_long_ends_in_its_time(homeward: Homeward) -> None:

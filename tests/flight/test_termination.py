@@ -47,6 +47,7 @@ def conditions(vehicle: dict[str, Any] | None = None, **changes: Any) -> Conditi
         charge_percent=80.0,
         reserve_due=False,
         is_home=False,
+        way_closed=False,
     )
     return replace(well, **changes)
 
@@ -181,6 +182,8 @@ LIMIT_S = 300.0
         (conditions({"charge_state": MavChargeState.LOW}), None),
         (conditions(battery_silent_s=900.0), None),
         (conditions(is_home=True), Termination.HOME),
+        (conditions(is_home=True, way_closed=True), Termination.CLOSED),
+        (conditions(way_closed=True), None),
         (conditions(landing_asked=True), Termination.STOPPED),
         (conditions(flown_s=LIMIT_S + 1.0), Termination.TIME),
         (conditions(blind_s=10.1), Termination.INPUTS),
@@ -216,6 +219,7 @@ def test_who_lost_the_way_or_the_vehicle_does_not_come_home() -> None:
         Termination.LINK,
         Termination.INPUTS,
         Termination.HOME,
+        Termination.CLOSED,
     }
 
 

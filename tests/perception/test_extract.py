@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from companion.config.sensors import ScanSettings, SensorSettings
 from companion.model import FRONT_RAD, HIT, Beam, Input, Measurement, Observation
+from companion.perception.dark import DARK_S
 from companion.perception.extract import POSE_STALE_S
 from companion.perception.look import bin_bearings
 from tests.perception.observations import (
@@ -154,6 +155,38 @@ class TestLookAhead:
             measured = extract.measure(seen)
         # The last row of the floor that is seen lies up to 0.45 m before the wall.
         assert measured.ahead_m == pytest.approx(1.5, abs=0.45)
+
+    @pytest.mark.parametrize(("turned_deg", "dark_s", "missing"), [
+        (0.0, 0.6, ()),
+        (20.0, 0.6, ()),
+        (60.0, 0.6, (Input.DEPTH,)),
+        (0.0, DARK_S + 0.1, (Input.DEPTH,)),
+    ])  # fmt: skip
+    def test_a_dark_wall_that_fills_the_picture_is_what_was_to_be_expected(
+        self, turned_deg: float, dark_s: float, missing: tuple[Input, ...]
+    ) -> None:
+        """Protects a flight into a dark dead end from ending there: it was seen coming, and may be turned away from.
+
+        For as long as that takes, and only where the wall is: beside it an image without depth is a failed lamp.
+        """
+        extract = extractor()
+        for step in range(21):
+            came = later(AT_START, 0.1 * step, x_m=0.1 * step)
+            seen = observed(came, [FLOOR, ROOF, wall_ahead(4.0)], DOWN)
+            assert seen.frame is not None
+            seen.frame.depth_m[np.isclose(seen.frame.depth_m, 3.9 - came.x_m, atol=EXACT_M)] = NAN
+            extract.measure(seen)
+        turned = later(came, dark_s, yaw_rad=math.radians(turned_deg))
+        dark = observed(turned, OPEN, DOWN)
+        assert dark.frame is not None
+        dark.frame.depth_m[:] = NAN
+        measured = extract.measure(dark)
+        assert measured.missing == missing
+        if not missing:
+            scan = scan_of(measured)
+            assert measured.scan_age_s == 0.0
+            assert measured.d_m == pytest.approx(2.0, abs=0.5), "it is kept from by what is remembered"
+            assert not scan.fresh[scan.state == HIT].any(), "nothing of it was seen just now"
 
     def test_an_image_from_the_future_does_not_count(self) -> None:
         """Protects against a camera's clock that runs ahead."""

@@ -213,6 +213,14 @@ def test_an_estimate_that_drifts_on_the_ground_makes_no_frozen_camera() -> None:
     assert all(measured.missing == () for measured in flight.until(START_S + 120.0)[1:])
 
 
+def test_images_without_any_depth_are_not_frozen_ones() -> None:
+    """A lens before black rock shows nothing wherever it turns: that is told by what is missing, not as a fault."""
+    flight = Flight(turning, Faults(depth=lambda raw: replace(raw, depth_m=np.full_like(raw.depth_m, NAN))))
+    measured = flight.until(FAULT_AT_S + 3.0)
+    assert measured[-1].missing == (Input.DEPTH,)
+    assert words.FROZEN not in flight.reasons(DEPTH)
+
+
 def test_a_frozen_camera_is_not_believed_again_because_the_vehicle_stops_for_it() -> None:
     """Without this it would fly on a stretch after each stop, blind; when the image changes it flies again."""
     stop_s = FAULT_AT_S + 1.0

@@ -33,33 +33,25 @@ def table(rows: Iterable[Row]) -> list[str]:
 
 def _figures(rows: Sequence[Row]) -> tuple[str, ...]:
     count = len(rows)
-    homes = [_home(row) for row in rows]
-    ends = Counter(_end(row, home) for row, home in zip(rows, homes, strict=True))
+    ends = Counter(map(_end, rows))
     return (
         str(count),
         str(sum(int(str(row.get("contacts") or 0)) for row in rows)),
-        _least([*(row.get("least_d_m") for row in rows), *(home.get("least_d_m") for home in homes)]),
-        _least([row.get("least_clearance_m") for row in rows]),
+        _least(row.get(name) for row in rows for name in ("least_d_m", "home_least_d_m")),
+        _least(row.get("least_clearance_m") for row in rows),
         f"{sum(row['ended_because'] == 'done' for row in rows)} of {count}",
-        f"{sum(home.get('arrived') is True for home in homes)} of {count}",
-        _least([row.get("completeness") for row in rows]),
+        f"{sum(row.get('home_arrived') is True for row in rows)} of {count}",
+        _least(row.get("completeness") for row in rows),
         ", ".join(f"{number} {end}" for end, number in ends.most_common()),
     )
 
 
-def _home(row: Row) -> Row:
-    """How the only vehicle came home; nothing where it did not set out."""
-    homes = row.get("home")
-    return dict(homes[0]) if isinstance(homes, list) and homes else {}
-
-
-def _end(row: Row, home: Row) -> str:
+def _end(row: Row) -> str:
     """The exploring's end, and that of the way home where it was another than home."""
-    explored = str(row["ended_because"])
-    came = str(home.get("ended_because", "no way home flown"))
-    if came == "home":
-        return explored if home["arrived"] else f"{explored}, then beside home ({home['off_m']} m)"
-    return f"{explored}, then {came}" if home else explored
+    explored, came = str(row["ended_because"]), row.get("home_ended_because")
+    if came is None or row.get("home_arrived") is True:
+        return explored
+    return f"{explored}, then {'beside home' if came == 'home' else came} ({row.get('home_off_m')} m)"
 
 
 def _least(values: Iterable[object]) -> str:

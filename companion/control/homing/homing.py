@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from companion.control.decisions import Choice
 from companion.control.governor import braking_speed_mps
 from companion.control.homing.alignment import Alignment
 from companion.control.homing.homeward import Homeward
@@ -24,6 +25,10 @@ SETTLED_M, SETTLED_S, SETTLING_S = 0.1, 2.0, 10.0
 NEAR_M, PATIENCE_S, NEARER_M = 6.0, 20.0, 0.1
 """When the way home is no longer than this and has become no shorter for so long, something stands there now, or the
 flight began nearer to a wall than the law flies: it lands at the nearest place where it can."""
+
+CLOSED_S, TRIES = 20.0, 3
+"""When for so long no way home has been known, and none to anything unseen, what is in the way is looked at anew; where
+it still is so many times, the way is closed."""
 
 LOOK_PERIOD_S = 1.0
 CREEP_MPS = 0.1
@@ -57,18 +62,24 @@ class Homing:
     Args:
         parameters: the law's settings.
         ground: what has been seen of the plan.
+        search: chooses what unseen ground is looked into where no way home is known.
     """
 
-    def __init__(self, parameters: Parameters, ground: KnownGround) -> None:
+    def __init__(self, parameters: Parameters, ground: KnownGround, search: Choice) -> None:
+        self.began_at: Place | None = None
+        """Where the flight began."""
         self.home: Place | None = None
-        """Where the flight began; on the way home where it lands."""
+        """The same; on the way home where it lands."""
         self.lands_elsewhere = False
         """Whether it lands beside the place where the flight began, which it cannot get to."""
+        self.is_closed = False
+        """Whether no way home was found, and it lands at the nearest place to it that it gets to."""
         self.homeward: Homeward | None = None
         """The decisions of the way home; None while the vehicle explores."""
         self.is_home = False
         self._parameters = parameters
         self._ground = ground
+        self._search = search
         self._keyframes = Keyframes(parameters.critical_margin_m)
         self._alignment = Alignment(self._keyframes)
         self._reckoning: Homeward | None = None
@@ -76,6 +87,7 @@ class Homing:
         self._next_route_s = -math.inf
         self._pace = Pace(parameters)
         self._least_m, self._least_s = math.inf, -math.inf
+        self._open_s, self._tries = -math.inf, 0
         self._there_s: float | None = None
         self._near_s = -math.inf
         self._next_look_s = -math.inf
@@ -100,7 +112,7 @@ class Homing:
             return
         here = Place.under(pose, measurement.h_m)
         if self.home is None:
-            self.home = here
+            self.began_at = self.home = here
         self._keyframes.fly(pose)
         self._keyframes.see(measurement, pose)
         self._ground.fly(here)
@@ -143,10 +155,10 @@ class Homing:
         if self.home is None:
             return None
         if self.homeward is None:
-            self.homeward = Homeward(self._parameters, self._ground, self.home)
+            self.homeward = Homeward(self._parameters, self._ground, self.home, self._search)
             # Only here it is known how far it has flown, and so how far its position may have drifted since it left.
             self._alignment = Alignment(self._keyframes)
-            self._least_s = t_s
+            self._least_s = self._open_s = t_s
         return self.homeward
 
     def pose(self, pose: Pose) -> Pose:
@@ -163,12 +175,17 @@ class Homing:
 
     def wait(self, t_s: float) -> None:
         """A person let it wait until now: that it came no nearer meanwhile says nothing."""
-        self._least_s = t_s
+        self._least_s = self._open_s = t_s
 
     def to_go_m(self, pose: Pose) -> float:
         """How far home is, straight; infinite where nobody knows where that is."""
         home = self.home
         return math.inf if home is None else math.hypot(home.x_m - pose.x_m, home.y_m - pose.y_m)
+
+    def off_home_m(self, pose: Pose) -> float:
+        """How far it is from where the flight began, straight; infinite where nobody knows where that is."""
+        began = self.began_at
+        return math.inf if began is None else math.hypot(began.x_m - pose.x_m, began.y_m - pose.y_m)
 
     def has_arrived(self, pose: Pose, t_s: float) -> bool:
         """Whether the vehicle is where it is to stand; asked with every pose on the way home, as `pose` gives it."""
@@ -192,6 +209,7 @@ class Homing:
         self._next_look_s = t_s + LOOK_PERIOD_S
         here = homeward.place(pose)
         cost_m = homeward.cost_m(here, t_s)
+        self._look_whether_it_is_closed(homeward, here, pose, t_s, cost_m is not None)
         left_m = self.to_go_m(pose) if cost_m is None else cost_m
         if left_m < self._least_m - NEARER_M:
             self._least_m, self._least_s = left_m, t_s
@@ -203,6 +221,28 @@ class Homing:
             # Nor did it get to the place chosen last: enough.
             self.home = here
         self.lands_elsewhere = True
+        self._least_m, self._least_s = math.inf, t_s
+        homeward.lead_to(self.home)
+
+    def _look_whether_it_is_closed(
+        self, homeward: Homeward, here: Place, pose: Pose, t_s: float, is_open: bool
+    ) -> None:
+        """Where no way home is known, nor to anything unseen, try again, and then land as near to home as it gets."""
+        if is_open or self.is_closed:
+            self._open_s = t_s
+        if t_s - self._open_s <= CLOSED_S:
+            return
+        self._open_s = t_s
+        # Not each time: it costs a search of all that is known.
+        if homeward.is_anything_left(pose):
+            return
+        self._tries += 1
+        if self._tries < TRIES:
+            homeward.try_again()
+            return
+        fit = [look.place for look in self._keyframes.all if look.lands]
+        self.home = homeward.nearest_home(fit, here) or here
+        self.is_closed = self.lands_elsewhere = True
         self._least_m, self._least_s = math.inf, t_s
         homeward.lead_to(self.home)
 

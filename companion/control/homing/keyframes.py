@@ -66,6 +66,11 @@ class Keyframes:
         self._kept_way_m = 0.0
         self._step_m = STEP_M
 
+    @property
+    def all(self) -> tuple[Keyframe, ...]:
+        """Every look that is kept, oldest first."""
+        return tuple(self._frames)
+
     def fly(self, pose: Pose) -> None:
         """The vehicle has flown here."""
         if self._last is not None:

@@ -27,6 +27,7 @@ HAZARDS: dict[str, Callable[[], World]] = {
     "machine": moving.machine,
     "door": moving.door,
     "door-on-loop": moving.door_on_loop,
+    "roof-fall": moving.roof_fall,
     "open-end": air.open_end,
     "wind": air.wind,
     "no-light": air.no_light,

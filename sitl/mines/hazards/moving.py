@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sitl.mines.conditions import Conditions, Mover, Trigger
-from sitl.mines.hazards.building import HEIGHT_M, Body, box, main_and_branch, mine, rough
+from sitl.mines.hazards.building import HEIGHT_M, START_M, Body, box, main_and_branch, mine, rough
 from sitl.mines.model import World
 from sitl.mines.plan import Drift, round_drift
 
@@ -13,6 +13,8 @@ WALK_MPS = 1.2
 """A person in a hurry, a loader in a narrow place."""
 
 DOOR_MPS = 1.0
+
+FALL_MPS = 5.0
 
 
 def person() -> World:
@@ -41,6 +43,15 @@ def door_on_loop() -> World:
     """A door that closes behind the vehicle, and another way round."""
     told = "a door that closes behind the vehicle; the way home leads round"
     return mine("door-on-loop", told, rough([*main_and_branch(), *_round_about()]), Conditions(movers=(_door(),)))
+
+
+def roof_fall() -> World:
+    """A fall of roof where flights begin, while the vehicle is away: it cannot land there any more."""
+    above_m = HEIGHT_M + 0.5
+    heap = box((START_M[0] - 0.5, -1.0, above_m), (START_M[1] + 0.5, 1.0, above_m + 2.4))
+    falls = _mover(heap, (0.0, 0.0, -(above_m + 0.2)), FALL_MPS, Trigger(13.5, 0.0, 2.0))
+    told = "a fall of roof where the flight began, while the vehicle is away"
+    return mine("roof-fall", told, rough(main_and_branch()), Conditions(movers=(falls,)))
 
 
 def _round_about() -> list[Drift]:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from companion.control.decisions import Choice
 from companion.control.homing.homing import Homing
 from companion.control.known_ground import UPRIGHT_57_DEG, KnownGround
 from companion.model import Measurement, Pose
@@ -23,7 +24,8 @@ LAP_M = [(0.0, 0.0), (40.0, 0.0), (40.0, 16.0), (-2.0, 16.0), (-2.0, 2.0)]
 
 def flown_out() -> tuple[Homing, float]:
     """A vehicle that has flown a lap and turns back, and when."""
-    homing, t_s = Homing(law_parameters(), KnownGround(UPRIGHT_57_DEG, 0.25)), 0.0
+    ground = KnownGround(UPRIGHT_57_DEG, 0.25)
+    homing, t_s = Homing(law_parameters(), ground, Choice(law_parameters(), ground)), 0.0
     for (x_m, y_m), (to_x_m, to_y_m) in itertools.pairwise(LAP_M):
         yaw_rad, length_m = math.atan2(to_y_m - y_m, to_x_m - x_m), math.dist((x_m, y_m), (to_x_m, to_y_m))
         for step in range(int(length_m)):

@@ -100,6 +100,55 @@ def test_a_way_that_is_closed_is_flown_around() -> None:
     assert track.distances_m().min() > 0.6
 
 
+def level(seen: Measurement, pose: Pose) -> tuple[Measurement, Pose]:
+    """On ground that can be landed on."""
+    return replace(seen, ground_slope=0.0), pose
+
+
+def test_where_the_way_home_is_closed_it_lands_as_near_to_home_as_it_gets() -> None:
+    """Nobody can fetch it from the far end of a mine: it stands before the door, and does not wander until it is empty.
+
+    What stands in the way may go again: it has come back to look twice.
+    """
+    navigator, there = explored(BEND, 70.0, level)
+    assert there.x_m > 12.0
+    closed = Scene(BEND_OUTLINE, box(9.0, -2.0, 9.3, 2.0))
+    track = flown_home(navigator, closed, there, level, most_s=300.0)
+    end = track.poses[-1]
+    assert navigator.is_home
+    assert navigator.homing.is_closed
+    assert 9.3 < end.x_m < 14.0
+    assert abs(end.y_m) < 2.0
+    assert navigator.homing.off_home_m(end) == pytest.approx(math.hypot(end.x_m, end.y_m), abs=0.3)
+    assert track.distances_m().min() > 0.6
+
+
+@pytest.mark.parametrize(("width_m", "seed"), [(2.2, 2), (1.8, 3), (1.9, 1)])
+def test_a_gap_that_it_flew_out_through_is_flown_home_through(width_m: float, seed: int) -> None:
+    """A gap is hardly wider than what the scan has to confirm: the first two were blocked for good, and it landed."""
+    posts = (box(9.0, -2.0, 9.2, -width_m / 2.0), box(9.0, width_m / 2.0, 9.2, 2.6))
+    scene = Scene(BEND_OUTLINE, *posts)
+    navigator, there = explored(scene, 80.0, level, seed=seed)
+    assert there.x_m > 10.0, "it has flown through"
+    track = flown_home(navigator, scene, there, level, most_s=250.0)
+    assert navigator.is_home
+    assert not navigator.homing.is_closed
+    assert math.hypot(track.poses[-1].x_m, track.poses[-1].y_m) < 0.5
+    assert track.distances_m().min() > 0.8
+
+
+def test_behind_what_is_unseen_another_way_home_is_looked_for() -> None:
+    """A door has closed behind it, and the other way round the ring has not been seen: it comes home by that."""
+    navigator, there = explored(RING, 70.0)
+    assert there.x_m > 8.0
+    assert there.y_m > 14.0
+    closed = Scene(box(-4.0, -2.0, 22.0, 18.0), box(2.0, 2.0, 18.0, 14.0), box(-4.0, 8.0, 2.0, 8.3))
+    track = flown_home(navigator, closed, there, most_s=300.0)
+    assert navigator.is_home
+    assert not navigator.homing.is_closed
+    assert math.hypot(track.poses[-1].x_m, track.poses[-1].y_m) < 0.5
+
+
 def door(navigator: Navigator, there: Pose) -> list[tuple[float, float]]:
     """A wall across the drift, half way along the shorter side of the ring."""
     way = navigator.homing.way_home(RING.measure(there), there, there.t_s + 100.0)

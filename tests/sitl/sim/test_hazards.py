@@ -94,6 +94,24 @@ def test_without_light_it_stops_and_says_what_is_missing() -> None:
     assert np.abs(flight.log.column("speed_mps")[-10:]).max() < 0.15
 
 
+def test_a_dark_dead_end_is_turned_away_from() -> None:
+    """Protects the flight home: a wall without echo fills the picture, and the vehicle stood before it until it landed.
+
+    With this seed it comes there after half a minute.
+    """
+    world = load_world("hazard:dark-wall", 1)
+    start = replace(BEFORE, x_m=21.5)
+    flight = Flight(1, world, RayCaster(world), FLIGHT, start, np.random.SeedSequence(2))
+    least_light_s = 0.0
+    while flight.vehicle.pose.t_s < 50.0 and not flight.touched:
+        flight.tick(FLIGHT.control.period_s, fleet=False)
+        least_light_s = max(least_light_s, flight.blind_s)
+    assert not flight.touched
+    assert flight.log.column("x_m").max() > 25.5, "it was before it"
+    assert least_light_s < 1.0
+    assert flight.vehicle.path_m > 10.0, "it flew on"
+
+
 @pytest.mark.long
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("name", HAZARDS)
@@ -111,19 +129,19 @@ def test_a_whole_mission_touches_nothing(name: str) -> None:
 def test_the_table_counts_what_the_flights_left() -> None:
     """Protects the document: contacts are summed, the least distance is that of either way, ends are told apart."""
     mission = {"given_world": "hazard:shaft", "preset": "swift", "completeness": 0.5, "least_clearance_m": 0.4}
-    home = {"ended_because": "home", "arrived": True, "off_m": 0.1, "least_d_m": 0.7}
+    home = {"home_ended_because": "home", "home_arrived": True, "home_off_m": 0.1, "home_least_d_m": 0.7}
+    landed = {"home_ended_because": "landed on the way: time", "home_arrived": False, "home_off_m": 12.3}
     rows = [
-        mission | {"mission": 2, "ended_because": "contact", "contacts": 1, "least_d_m": 0.3, "home": []},
-        mission | {"mission": 0, "ended_because": "done", "contacts": 0, "least_d_m": 0.9, "home": [home]},
-        mission | {"mission": 1, "ended_because": "done", "contacts": 0, "least_d_m": 0.8,
-                   "home": [home | {"ended_because": "landed on the way: time", "arrived": False}]},
-        mission | {"mission": 3, "ended_because": "done", "contacts": 0, "least_d_m": 0.8, "preset": "flight",
-                   "home": [home | {"arrived": False, "off_m": 0.8}]},
+        mission | {"mission": 2, "ended_because": "contact", "contacts": 1, "least_d_m": 0.3},
+        mission | {"mission": 0, "ended_because": "done", "contacts": 0, "least_d_m": 0.9} | home,
+        mission | {"mission": 1, "ended_because": "done", "contacts": 0, "least_d_m": 0.8} | home | landed,
+        mission | {"mission": 3, "ended_because": "done", "contacts": 0, "least_d_m": 0.8, "preset": "flight"} | home
+        | {"home_arrived": False, "home_off_m": 0.8},
     ]  # fmt: skip
     lines = table(rows)
     assert lines[2:] == [
         "| shaft | swift | 3 | 1 | 0.30 | 0.40 | 2 of 3 | 1 of 3 | 0.50 | "
-        "1 done, 1 done, then landed on the way: time, 1 contact |",
+        "1 done, 1 done, then landed on the way: time (12.3 m), 1 contact |",
         "| shaft | flight | 1 | 0 | 0.70 | 0.40 | 1 of 1 | 0 of 1 | 0.50 | 1 done, then beside home (0.8 m) |",
     ]
 
@@ -132,7 +150,9 @@ def test_a_row_of_a_campaign_has_what_the_table_needs() -> None:
     """Protects the table from figures that were renamed."""
     simulation = Simulation(load_world("hazard:step", 1), FLIGHT, 1)
     simulation.run(0.5)
+    simulation.come_home()
     row = figures(simulation) | {"mission": 0, "given_world": "hazard:step", "preset": "flight"}
     (line,) = table([row])[2:]
     assert line.startswith("| step | flight | 1 | 0 |")
+    assert "| 0 of 1 | 1 of 1 |" in line, "it came home, of half a second"
     assert line.endswith("| 1 time limit |")
