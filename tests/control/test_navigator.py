@@ -600,23 +600,25 @@ def test_the_height_law_sees_roof_slope_and_layer() -> None:
 
 @pytest.mark.parametrize("gamma", [-1, 1])
 def test_what_it_turns_to_along_a_wall_is_braked_for_before_it_points_there(gamma: int) -> None:
-    """Protects d_c in R3: it turned away from its wall at 1.2 m/s, past nothing, towards another, and came to 0.78 m."""
-    governor = {"reaction_s": 1.0}
-    swift = {"speed_law": "governor", "speed_mps": 1.5, "max_yaw_rate_radps": 1.0, "margin_m": 1.0, "governor": governor}
+    """Protects d_c in R3: it turned away from its wall at 1.2 m/s, past nothing, to another one, and came to 0.78 m."""
 
     def speed_mps(other_m: float, closing_mps: float) -> float:
         """With the followed wall at d_s, to which it comes so fast, and another one 57° off on the other side."""
 
         def ranges_m(bearing_rad: float) -> float:
-            own, other = gamma * bearing_rad, abs(bearing_rad + gamma)
+            own = gamma * bearing_rad
             if 1.2 < own < 1.9:
                 return 1.0 / math.sin(own)
-            return other_m if other < 0.15 else math.inf
+            return other_m if abs(own + 1.0) < 0.15 else math.inf
 
-        flown = replace(ORIGIN, vx_mps=1.2, vy_mps=gamma * closing_mps)
-        near = {"d_m": 1.0, "d_bearing_rad": gamma * QUARTER, "d_front_m": 1.0, "d_dot_mps": -closing_mps}
-        setpoint = in_boundary(gamma, **swift).step(measurement(scan_of(ranges_m), **near), flown, 0.0)
-        assert setpoint.yaw_rate_radps == pytest.approx(-gamma * min(1.0, closing_mps / 0.12), abs=0.01), "away from it"
+        navigator = in_boundary(
+            gamma, speed_law="governor", speed_mps=1.5, max_yaw_rate_radps=1.0, governor={"reaction_s": 1.0}
+        )
+        seen = measurement(
+            scan_of(ranges_m), d_m=1.0, d_bearing_rad=gamma * QUARTER, d_front_m=1.0, d_dot_mps=-closing_mps
+        )
+        setpoint = navigator.step(seen, replace(ORIGIN, vx_mps=1.2, vy_mps=gamma * closing_mps), 0.0)
+        assert setpoint.yaw_rate_radps == pytest.approx(-gamma * min(1.0, closing_mps / 0.12), abs=0.01)
         return setpoint.speed_mps
 
     assert speed_mps(2.0, 0.3) < 0.7 * speed_mps(9.0, 0.3)
