@@ -228,12 +228,14 @@ class Homing:
         self, homeward: Homeward, here: Place, pose: Pose, t_s: float, is_open: bool
     ) -> None:
         """Where no way home is known, nor to anything unseen, try again, and then land as near to home as it gets."""
-        if is_open or self.is_closed or homeward.is_anything_left(pose):
+        if is_open or self.is_closed:
             self._open_s = t_s
-            return
         if t_s - self._open_s <= CLOSED_S:
             return
         self._open_s = t_s
+        # Not each time: it costs a search of all that is known.
+        if homeward.is_anything_left(pose):
+            return
         self._tries += 1
         if self._tries < TRIES:
             homeward.try_again()
