@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from validation.homing.row_flight import Came
+from validation.homing import rows
+from validation.homing.row_flight import Came, Row
 from validation.homing.rows import BY_NAME, CELLS, ROWS, main, problems, table
 
 LANDED = Came("landing", "px4", "stopped", 6.0, 0.4, "land", armed=False, contacts=0, after_s=20.0, said=True)
@@ -57,3 +58,21 @@ def test_what_was_flown_is_not_flown_again(tmp_path: Path, capsys: pytest.Captur
     assert capsys.readouterr().out.rstrip().endswith("every flight ended as it must")
     with pytest.raises(SystemExit):
         main(["--resume"])
+
+
+def test_a_flight_that_came_to_nothing_is_flown_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protects the table from a computer that was too busy to take off."""
+    file = tmp_path / "rows.json"
+    came = replace(LANDED, personality="ardupilot", problem="CrewError: not in time")
+    file.write_text(json.dumps([asdict(LANDED), asdict(came)]), encoding="utf-8")
+    flown: list[str] = []
+
+    def fly(row: Row, personality: str, folder: Path) -> Came:
+        del row, folder
+        flown.append(personality)
+        return replace(LANDED, personality=personality)
+
+    monkeypatch.setattr(rows, "fly", fly)
+    assert main(["--only", "landing", "--json", str(file), "--resume"]) == 0
+    assert flown == ["ardupilot"]
+    assert [one["problem"] for one in json.loads(file.read_text(encoding="utf-8"))] == [None, None]

@@ -25,7 +25,7 @@ from validation.fault_matrix.processes import children, map_process
 from validation.landed import landed_off_m, last_words, not_in_time, off_start_m
 
 APPLICATION = 191
-START_S, OUT_S = 240.0, 180.0
+START_S, OUT_S = 480.0, 240.0
 UNDER_WAY_S = 3.0
 """Time from the order to come home to what happens: it has turned, and flies."""
 

@@ -165,8 +165,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _read(file: Path) -> dict[tuple[str, str], Came]:
+    """What was flown; a flight that came to nothing, as on a computer that was busy with others, is flown again."""
     found = json.loads(file.read_text(encoding="utf-8")) if file.exists() else []
-    return {(one["row"], one["personality"]): Came(**one) for one in found}
+    return {(one["row"], one["personality"]): Came(**one) for one in found if one["problem"] is None}
 
 
 def _flown(row: Row, personality: str, keep: Path | None) -> Came:
