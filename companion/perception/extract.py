@@ -234,7 +234,9 @@ class Extractor:
             if sees_nothing(reading) and scan.state[b] == UNKNOWN:
                 scan.ranges_m[b], scan.state[b], scan.fresh[b] = reading.max_range_m, CLEAR, True
             return
-        self._memory.remember(read_at, np.array([bearing_rad]), np.array([range_m]), reading.t_s)
+        self._memory.remember(
+            read_at, np.array([bearing_rad]), np.array([range_m]), reading.t_s, self._beams.is_sure(beam)
+        )
         if scan.state[b] != HIT or range_m < scan.ranges_m[b]:
             scan.ranges_m[b], scan.state[b], scan.fresh[b] = range_m, HIT, True
 

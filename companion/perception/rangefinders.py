@@ -8,6 +8,10 @@ from collections.abc import Iterable
 from companion.config.sensors import BeamSettings
 from companion.model import Beam, Pose, RangeReading
 
+AGREE_M = 0.3
+"""Two readings one after the other that differ by more are of two things: so far a wall beside comes nearer in a tenth
+of a second by no speed of ours, and at a corner it is the next one that agrees."""
+
 
 class Beams:
     """Keeps the newest reading of each beam, and the pose at which it came.
@@ -21,6 +25,7 @@ class Beams:
         # The law flies on without the roof: it only makes the vehicle fly lower.
         self._counted_on = tuple(beam for beam in settings.directions if beam is not Beam.UP)
         self._readings: dict[Beam, tuple[RangeReading, Pose]] = {}
+        self._sure: dict[Beam, bool] = {}
         self._reported_s: dict[Beam, float] = {}
 
     def on_readings(self, readings: Iterable[RangeReading], pose: Pose) -> None:
@@ -28,6 +33,7 @@ class Beams:
         for reading in readings:
             # One that measured nothing does not hide the last one that did: that one ages by itself.
             if reading.range_m is not None:
+                self._sure[reading.beam] = self._agrees(reading)
                 self._readings[reading.beam] = (reading, pose)
             # A beam to the side that sees nothing works: it may look down a drift. Below, only one that sees as far as
             # it can: it may look down a shaft.
@@ -38,6 +44,17 @@ class Beams:
         """The newest reading that is one, and the pose when it came; None when it is too old or from the future."""
         known = self._readings.get(beam)
         return known if known is not None and 0.0 <= t_s - known[0].t_s <= self._stale_after_s else None
+
+    def is_sure(self, beam: Beam) -> bool:
+        """Whether its newest reading agrees with the one before: one alone may have met dust or spray."""
+        return self._sure.get(beam, False)
+
+    def _agrees(self, reading: RangeReading) -> bool:
+        before = self._readings.get(reading.beam)
+        if before is None or reading.range_m is None or before[0].range_m is None:
+            return False
+        age_s = reading.t_s - before[0].t_s
+        return 0.0 < age_s <= self._stale_after_s and abs(reading.range_m - before[0].range_m) <= AGREE_M
 
     def level_m(self, beam: Beam, pose: Pose, t_s: float) -> float | None:
         """A beam's range along gravity or the horizon, or None: not there, stale, nothing measured, out of range."""

@@ -28,6 +28,10 @@ REACH_S = 1.0
 RECENT_S = 3.0
 """What was seen in the last seconds is where it was seen, even by a position that drifts."""
 
+AGAIN_S, ONCE_S = 0.5, 3.0
+"""Rock that two images within the first of these times have shown is remembered; what one alone has shown may be dust
+or spray, and is gone after the second: the vehicle has braked for it by then, and looked again."""
+
 SEEN_THROUGH_M, SEEN_THROUGH_PER_M = 0.04, 0.004
 """A remembered point is dropped when a fresh look at its bearing sees further than it by more than
 SEEN_THROUGH_M + SEEN_THROUGH_PER_M · range²: the noise of a stereo camera grows with the square of the range. Without
@@ -46,26 +50,35 @@ class ScanMemory:
     def __init__(self, max_age_s: float, max_distance_m: float, half_height_m: float) -> None:
         self._max_age_s = max_age_s
         self._max_distance_m = min(max_distance_m, CELLS * CELL_M / 2.0)
+        self._bounds = self._max_age_s, self._max_distance_m
         self._half_height_m = half_height_m
         self._points = np.zeros((LEVELS, CELLS, CELLS, 4))  # x, y, lowest and highest z
         self._seen_s = np.full((LEVELS, CELLS, CELLS), -np.inf)
+        self._sure = np.zeros((LEVELS, CELLS, CELLS), np.bool_)
         self._once_s = np.full((LEVELS, CELLS, CELLS), -np.inf)
 
-    def remember(self, pose: Pose, bearings_rad: FloatArray, ranges_m: FloatArray, t_s: float) -> None:
-        """Add obstacle points at the vehicle's own height, given in polar coordinates about a pose."""
+    def remember(
+        self, pose: Pose, bearings_rad: FloatArray, ranges_m: FloatArray, t_s: float, sure: bool = True
+    ) -> None:
+        """Add obstacle points at the vehicle's own height, given in polar coordinates about a pose.
+
+        Those that are not sure are gone after `ONCE_S`.
+        """
         if self._max_age_s > 0.0 and pose.is_finite:
             where = pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad
-            _remember(self._points, self._seen_s, where, bearings_rad, ranges_m, t_s, self._max_distance_m)
+            marks = self._seen_s, self._sure
+            _remember(self._points, marks, where, bearings_rad, ranges_m, t_s, self._bounds, sure)
 
     def remember_view(self, view: View, pose: Pose, look_m: float, t_s: float) -> None:
         """Add what a depth image shows nearer than ``look_m``, at whatever height.
 
-        A cell counts from its second pixel on: a single one is a flying pixel.
+        A cell counts from its second pixel on: a single one is a flying pixel. It is sure from its second image on.
         """
         if self._max_age_s > 0.0 and pose.is_finite:
             where = pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad
             reach_m = min(look_m, self._max_distance_m)
-            _remember_view(self._points, self._seen_s, self._once_s, where, view, t_s, reach_m)
+            marks = self._seen_s, self._sure, self._once_s
+            _remember_view(self._points, marks, where, view, t_s, (self._max_age_s, reach_m))
 
     def recall(self, scan: Scan, pose: Pose, t_s: float) -> FloatArray:
         """Fill the bearings of ``scan`` of which nothing was learnt just now with remembered points, in place.
@@ -81,12 +94,12 @@ class ScanMemory:
         return np.asarray(
             _recall(
                 self._points,
-                self._seen_s,
+                (self._seen_s, self._sure),
                 scan,
                 (pose.x_m, pose.y_m, pose.yaw_rad),
                 (low_m, high_m),
                 t_s,
-                (self._max_age_s, self._max_distance_m),
+                self._bounds,
             )
         )
 
@@ -106,10 +119,10 @@ class ScanMemory:
             return math.inf, math.inf
         up_m, down_m = _above_and_below(
             self._points,
-            self._seen_s,
+            (self._seen_s, self._sure),
             (pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad),
             (radius_m, max(0.0, ahead_m), self._half_height_m),
-            t_s - self._max_age_s,
+            (t_s - self._max_age_s, t_s - min(self._max_age_s, ONCE_S)),
         )
         return float(up_m), float(down_m)
 
@@ -126,13 +139,16 @@ def _cell(x_m: float, y_m: float, z_m: float) -> tuple[int, int, int]:
 @compiled
 def _remember(
     points: NDArray[np.float64],
-    seen: NDArray[np.float64],
+    marks: tuple[NDArray[np.float64], NDArray[np.bool_]],
     where: tuple[float, float, float, float],
     bearings: FloatArray,
     ranges: FloatArray,
     t_s: float,
-    max_distance_m: float,
+    bounds: tuple[float, float],
+    sure: bool,
 ) -> None:
+    seen, known = marks
+    max_age_s, max_distance_m = bounds
     x_m, y_m, z_m, yaw_rad = where
     for i in range(bearings.size):
         if not ranges[i] <= max_distance_m:
@@ -144,19 +160,21 @@ def _remember(
             continue
         cell = _cell(x, y, z_m)
         points[cell][0], points[cell][1], points[cell][2], points[cell][3] = x, y, z_m, z_m
+        known[cell] = sure or (known[cell] and t_s - seen[cell] <= max_age_s)
         seen[cell] = t_s
 
 
 @compiled
 def _remember_view(
     points: NDArray[np.float64],
-    seen: NDArray[np.float64],
-    once: NDArray[np.float64],
+    marks: tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]],
     where: tuple[float, float, float, float],
     view: View,
     t_s: float,
-    max_distance_m: float,
+    bounds: tuple[float, float],
 ) -> None:
+    seen, known, once = marks
+    max_age_s, max_distance_m = bounds
     depth, left, up, to_level, offset_m, min_range_m, max_range_m = view
     x_m, y_m, z_m, yaw_rad = where
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
@@ -178,7 +196,10 @@ def _remember_view(
             point = points[cell]
             if once[cell] == t_s:
                 point[0], point[1], point[2], point[3] = x, y, min(point[2], z), max(point[3], z)
-                seen[cell] = t_s
+                if seen[cell] != t_s:
+                    age = t_s - seen[cell]
+                    known[cell] = age <= AGAIN_S or (known[cell] and age <= max_age_s)
+                    seen[cell] = t_s
             elif seen[cell] != t_s:
                 # What is known of the cell stays until there is a second pixel, but for its height.
                 point[2], point[3] = z, z
@@ -209,7 +230,7 @@ def _looked_range(ranges: FloatArray, state: NDArray[np.uint8], fresh: NDArray[n
 @compiled
 def _recall(
     points: NDArray[np.float64],
-    seen: NDArray[np.float64],
+    marks: tuple[NDArray[np.float64], NDArray[np.bool_]],
     scan: Scan,
     where: tuple[float, float, float],
     heights: tuple[float, float],
@@ -217,6 +238,7 @@ def _recall(
     bounds: tuple[float, float],
 ) -> FloatArray:
     _, ranges, state, fresh = scan
+    seen, known = marks
     x_m, y_m, yaw_rad = where
     low_m, high_m = heights
     max_age_s, max_distance_m = bounds
@@ -232,7 +254,7 @@ def _recall(
         for row in range(CELLS):
             for column in range(CELLS):
                 age = t_s - seen[level, row, column]
-                if age > max_age_s:
+                if age > max_age_s or (age > ONCE_S and not known[level, row, column]):
                     continue
                 dx = points[level, row, column, 0] - x_m
                 dy = points[level, row, column, 1] - y_m
@@ -262,11 +284,13 @@ def _recall(
 @compiled
 def _above_and_below(
     points: NDArray[np.float64],
-    seen: NDArray[np.float64],
+    marks: tuple[NDArray[np.float64], NDArray[np.bool_]],
     where: tuple[float, float, float, float],
     swept: tuple[float, float, float],
-    since_s: float,
+    since: tuple[float, float],
 ) -> tuple[float, float]:
+    seen, known = marks
+    since_s, once_since_s = since
     x_m, y_m, z_m, yaw_rad = where
     radius_m, ahead_m, half_height_m = swept
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
@@ -277,7 +301,7 @@ def _above_and_below(
         for row in range(row_0 - reach, row_0 + reach + 1):
             for column in range(column_0 - reach, column_0 + reach + 1):
                 cell = level, row % CELLS, column % CELLS
-                if not seen[cell] >= since_s:
+                if not seen[cell] >= (since_s if known[cell] else once_since_s):
                     continue
                 point = points[cell]
                 dx, dy = point[0] - x_m, point[1] - y_m

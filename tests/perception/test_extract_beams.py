@@ -129,6 +129,16 @@ class TestBeams:
         assert measured.roof_m is None
         assert (scan_of(measured).state[np.abs(BEARINGS) > math.radians(45.0)] == UNKNOWN).all()
 
+    @pytest.mark.parametrize(("before_m", "kept"), [(None, False), (3.0, False), (1.2, True)])
+    def test_a_reading_that_no_other_agrees_with_is_not_kept(self, before_m: float | None, kept: bool) -> None:
+        """Protects flights through dust: one short reading in thirty would stand beside the vehicle for a minute."""
+        extract = extractor()
+        extract.measure(observed(AT_START, OPEN, DOWN | {Beam.LEFT: before_m}))
+        extract.measure(observed(later(AT_START, 0.1), OPEN, DOWN | {Beam.LEFT: 1.1}))
+        turned = later(AT_START, 5.0, yaw_rad=math.radians(-20.0))
+        scan = scan_of(extract.measure(observed(turned, OPEN, DOWN)))
+        assert (scan.state[bin_at(110.0) - 2 : bin_at(110.0) + 3] == HIT).any() == kept
+
 
 class TestMemory:
     """The wall beside the vehicle, from images alone."""

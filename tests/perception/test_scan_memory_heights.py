@@ -9,7 +9,7 @@ import pytest
 
 from companion.model import HIT, Pose
 from companion.perception.extract import BODY_MARGIN_M
-from companion.perception.scan_memory import LEVEL_M, LEVELS, REACH_S, ScanMemory
+from companion.perception.scan_memory import AGAIN_S, LEVEL_M, LEVELS, ONCE_S, REACH_S, ScanMemory
 from companion.perception.view import view_of
 from tests.perception.observations import BEARINGS, DOWN, VEHICLE, extractor, later, observed, scan_of
 from tests.perception.scenes import AT_START, FLOOR, ROOF, Surface, board, frame
@@ -76,6 +76,28 @@ def test_a_single_pixel_is_nothing() -> None:
     image.depth_m[59:62, 80:82] = 2.0
     there.remember_view(view_of(image), AT_START, 5.0, 0.2)
     assert recalled(there, AT_START) == pytest.approx([2.1] * 1, abs=0.01)
+
+
+@pytest.mark.parametrize(("images_s", "after_s", "kept"), [
+    ((0.0,), ONCE_S - 0.1, True),
+    ((0.0,), ONCE_S + 0.1, False),
+    ((0.0, 0.2), 30.0, True),
+    ((0.0, 0.2), 60.3, False),
+    ((0.0, AGAIN_S + 0.1), ONCE_S + 1.0, False),
+    ((0.0, 0.2, 10.0), 40.0, True),
+])  # fmt: skip
+def test_what_one_image_alone_has_shown_is_not_kept_for_a_minute(
+    images_s: tuple[float, ...], after_s: float, kept: bool
+) -> None:
+    """Protects flights through dust: its false returns closed the way home for a minute each."""
+    there = memory()
+    cloud = frame([FLOOR, ROOF, board(2.0, 0.0, 0.3, 1.3, 1.7)])
+    for t_s in images_s:
+        there.remember_view(view_of(cloud), AT_START, 5.0, t_s)
+    assert (recalled(there, later(AT_START, after_s)) != []) is kept
+    up_m, down_m = there.above_and_below(later(AT_START, after_s, x_m=2.0, z_m=0.5), 0.4, 0.0, after_s)
+    assert (up_m < 1.3) is kept, "it presses nobody down either"
+    assert math.isfinite(down_m) is False or down_m > 0.4
 
 
 @pytest.mark.parametrize("up_m", [0.0, LEVELS * LEVEL_M, -3.0 * LEVELS * LEVEL_M])
