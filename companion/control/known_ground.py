@@ -295,7 +295,11 @@ class KnownGround:
         if window is None or not self._flown:
             return window
         cells = np.array([(*window.cell(place), place.ground_dm) for place in self._flown], np.int64)
-        return replace(window, flown=_open(window.grid, cells))
+        while True:
+            flown, had_room = _open(window.grid, cells)
+            if had_room or len(window.grid.cells) >= MOST_LEVELS:
+                return replace(window, flown=flown)
+            window = replace(window, grid=window.grid.with_level())
 
     def seen(self) -> Window:
         """A copy of all that has been seen, as far as it goes: without rows and columns before anything has been."""
@@ -376,15 +380,15 @@ def _first(*numbers: float | None) -> float:
 
 
 @compiled
-def _open(grid: GroundGrid, cells: NDArray[np.int64]) -> NDArray[np.int64]:
+def _open(grid: GroundGrid, cells: NDArray[np.int64]) -> tuple[NDArray[np.int64], bool]:
     """Cells of a way (n, 3), rows, columns and heights in dm, are free, with one beside two that touch at a corner.
 
     Returns:
-        (k, 3) their levels, rows and columns.
+        (k, 3) their levels, rows and columns; and whether the grid had a level for all of them.
     """
     _, rows, columns = grid.cells.shape
     opened = np.empty((2 * cells.shape[0], 3), np.int64)
-    size = 0
+    size, had_room = 0, True
     for k in range(cells.shape[0]):
         for corner in range(2):
             row, column = cells[k, 0], cells[k, 1]
@@ -397,13 +401,15 @@ def _open(grid: GroundGrid, cells: NDArray[np.int64]) -> NDArray[np.int64]:
                 continue
             level = level_at(grid, row, column, cells[k, 2])
             if level < 0:
-                enter(grid, row, column, cells[k, 2], FREE)
+                had_room &= enter(grid, row, column, cells[k, 2], FREE)
                 level = level_at(grid, row, column, cells[k, 2])
             if level >= 0:
                 grid.cells[level, row, column] = FREE
+                # Seen from afar down a steep ramp it lay too high, and the next cell of the way on another level.
+                grid.ground_dm[level, row, column] = cells[k, 2]
                 opened[size, 0], opened[size, 1], opened[size, 2] = level, row, column
                 size += 1
-    return opened[:size]
+    return opened[:size], had_room
 
 
 @compiled
