@@ -44,11 +44,10 @@ def dogleg(scan: Scan, towards_rad: float, to_go_m: float, half_width_m: float) 
     hit = scan.state == HIT
     off_rad = scan.bearings_rad[hit] - towards_rad
     at_m = np.stack([scan.ranges_m[hit] * np.cos(off_rad), scan.ranges_m[hit] * np.sin(off_rad)], axis=1)
-    ahead_m, left_m = _point(at_m, to_go_m, half_width_m)
-    if not math.isfinite(ahead_m):
+    legs_m = _legs(at_m, to_go_m, half_width_m)
+    if not math.isfinite(legs_m[0][0]):
         return None
-    end_m = _end(ahead_m, left_m, to_go_m)
-    first, last = ((towards_rad + math.atan2(y, x), math.hypot(x, y)) for x, y in ((ahead_m, left_m), end_m))
+    first, last = ((towards_rad + math.atan2(y, x), math.hypot(x, y)) for x, y in legs_m)
     return first, last
 
 
@@ -61,8 +60,11 @@ def _end(ahead: float, left: float, to_go_m: float) -> tuple[float, float]:
 
 
 @compiled
-def _point(at_m: NDArray[np.float64], to_go_m: float, half_width_m: float) -> tuple[float, float]:
-    best, found = np.inf, (np.inf, 0.0)
+def _legs(
+    at_m: NDArray[np.float64], to_go_m: float, half_width_m: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Where the two legs end, ahead and to the left; infinitely far ahead where there are none."""
+    best, found = np.inf, ((np.inf, 0.0), (np.inf, 0.0))
     steps, sides = int((min(LAST_M, to_go_m) - FIRST_M) / AHEAD_STEP_M) + 1, int(ASIDE_M / ASIDE_STEP_M)
     for k in range(steps):
         ahead = FIRST_M + k * AHEAD_STEP_M
@@ -78,7 +80,7 @@ def _point(at_m: NDArray[np.float64], to_go_m: float, half_width_m: float) -> tu
                 and _is_free(at_m, (0.0, 0.0), point, half_width_m)
                 and _is_free(at_m, point, end, half_width_m)
             ):
-                best, found = length, point
+                best, found = length, (point, end)
     return found
 
 
