@@ -88,7 +88,8 @@ class ScanMemory:
         Returns:
             (n,) the nearest point of the last `RECENT_S` at each bearing; infinite where there is none.
         """
-        climb_m = pose.vz_mps * REACH_S if math.isfinite(pose.vz_mps) else 0.0
+        # A height beyond all whole numbers made the loop over the levels endless.
+        climb_m = pose.vz_mps * REACH_S if abs(pose.vz_mps) < ABSURD else 0.0
         low_m = pose.z_m - self._half_height_m + min(0.0, climb_m)
         high_m = pose.z_m + self._half_height_m + max(0.0, climb_m)
         return np.asarray(

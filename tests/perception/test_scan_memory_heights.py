@@ -58,6 +58,14 @@ def recalled(there: ScanMemory, pose: Pose) -> list[float]:
     return [float(range_m) for range_m in scan.ranges_m[scan.state == HIT]]
 
 
+@pytest.mark.timeout(60, method="thread")
+@pytest.mark.parametrize("vz_mps", [-1e300, -1e19, 1e19, 1e300, math.inf, math.nan])
+def test_a_climb_that_is_none_is_not_reckoned_with(vz_mps: float) -> None:
+    """Protects the tick: with 1e300 m/s it sometimes never ended, for the level up there is no whole number."""
+    assert nearest_m(vz_mps=vz_mps, z_m=1.5) is None
+    assert nearest_m(vz_mps=vz_mps, z_m=0.9) == pytest.approx(0.2, abs=0.06)
+
+
 def test_floor_and_roof_are_no_walls() -> None:
     """Protects every flight: the camera sees them all the time, and the vehicle flies between them."""
     there = memory()
