@@ -39,6 +39,10 @@ ROUTE_PERIOD_S = 10.0
 """Time between two searches for the length of the way home; in between it grows by what is flown."""
 
 
+def _straight_m(place: Place | None, pose: Pose) -> float:
+    return math.inf if place is None else math.hypot(place.x_m - pose.x_m, place.y_m - pose.y_m)
+
+
 def longest_s(time_s: float) -> float:
     """How long a way may take for which so much was reckoned."""
     return LONGER * time_s + LONGER_S
@@ -179,13 +183,11 @@ class Homing:
 
     def to_go_m(self, pose: Pose) -> float:
         """How far home is, straight; infinite where nobody knows where that is."""
-        home = self.home
-        return math.inf if home is None else math.hypot(home.x_m - pose.x_m, home.y_m - pose.y_m)
+        return _straight_m(self.home, pose)
 
     def off_home_m(self, pose: Pose) -> float:
         """How far it is from where the flight began, straight; infinite where nobody knows where that is."""
-        began = self.began_at
-        return math.inf if began is None else math.hypot(began.x_m - pose.x_m, began.y_m - pose.y_m)
+        return _straight_m(self.began_at, pose)
 
     def has_arrived(self, pose: Pose, t_s: float) -> bool:
         """Whether the vehicle is where it is to stand; asked with every pose on the way home, as `pose` gives it."""
@@ -216,13 +218,9 @@ class Homing:
         if left_m > NEAR_M or self._there_s is not None or t_s - self._least_s <= PATIENCE_S:
             return
         fit = [look.place for look in self._keyframes.near(here, NEAR_M) if look.lands and look.place != self.home]
-        self.home = min(fit, key=lambda one: math.hypot(one.x_m - pose.x_m, one.y_m - pose.y_m), default=here)
-        if self.lands_elsewhere:
-            # Nor did it get to the place chosen last: enough.
-            self.home = here
-        self.lands_elsewhere = True
-        self._least_m, self._least_s = math.inf, t_s
-        homeward.lead_to(self.home)
+        nearest = min(fit, key=lambda one: _straight_m(one, pose), default=here)
+        # Where it did not get to the place chosen last either, it is enough.
+        self._land_at(here if self.lands_elsewhere else nearest, homeward, t_s)
 
     def _look_whether_it_is_closed(
         self, homeward: Homeward, here: Place, pose: Pose, t_s: float, is_open: bool
@@ -241,10 +239,15 @@ class Homing:
             homeward.try_again()
             return
         fit = [look.place for look in self._keyframes.all if look.lands]
-        self.home = homeward.nearest_home(fit, here) or here
-        self.is_closed = self.lands_elsewhere = True
+        self.is_closed = True
+        self._land_at(homeward.nearest_home(fit, here) or here, homeward, t_s)
+
+    def _land_at(self, place: Place, homeward: Homeward, t_s: float) -> None:
+        """Instead of at home."""
+        self.home = place
+        self.lands_elsewhere = True
         self._least_m, self._least_s = math.inf, t_s
-        homeward.lead_to(self.home)
+        homeward.lead_to(place)
 
     def most_mps(self, pose: Pose) -> float:
         """How fast it may fly so near to home, to stand there."""
