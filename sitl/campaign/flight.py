@@ -38,7 +38,7 @@ def figures(simulation: Simulation) -> Row:
 
     ``estimate_error`` is how much too high the vehicle's own estimate of its completeness was.
     """
-    score = simulation.score()  # fills in the true distances of the logs
+    score = simulation.score()
     explored = list(zip(simulation.flights, simulation.explored.ticks, strict=True))
     speeds_mps = np.concatenate([np.abs(flight.log.column("speed_mps")[:ticks]) for flight, ticks in explored])
     true_d_m = np.concatenate([flight.log.column("true_d_m")[:ticks] for flight, ticks in explored])

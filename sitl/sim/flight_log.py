@@ -26,7 +26,7 @@ _BLOCK = 4096
 class FlightLog:
     """Rows of `COLUMNS` and the mode of each; NaN where a value was not known.
 
-    ``true_d_m`` is filled afterwards, from the true mesh: the vehicle does not know it.
+    ``true_d_m`` is filled in when the flight has ended, from the true mesh: the vehicle does not know it.
     """
 
     def __init__(self, vehicle_id: int = 1) -> None:

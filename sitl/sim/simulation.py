@@ -195,6 +195,7 @@ class Simulation:
                 self.ended_because = "time limit"
         self._explored = self.explored
         self.wall_time_s = time.perf_counter() - began
+        self._measure_true_distances()
         self.completeness = self._exact_completeness()
         self.progress.append((self.t_s, self.completeness))
         self.estimated_completeness = self.judgement.completeness(self.t_s)
@@ -224,6 +225,7 @@ class Simulation:
                     way.stop(why)
                 break
             self._tick(self.settings.control.period_s)
+        self._measure_true_distances()
 
     def _end(self) -> str:
         """Why the mission ends by itself now; empty when it goes on."""
@@ -252,14 +254,14 @@ class Simulation:
         return merged_map(self.flights, self.settings.mapping)
 
     def score(self) -> dict[str, object]:
-        """The figures of `summary.json`; also fills in the true distances of the logs."""
+        """The figures of `summary.json`, of what has been flown by the end of `run` and of `come_home`."""
         voxels = self.merged_map()
         occupied = voxels.occupied()
         off_m = self.caster.distance(occupied) if len(occupied) else np.zeros(0)
         explored = self.explored
-        every = max(1, round(SCORED_PERIOD_S / self.settings.control.period_s))
+        every = self._scored_every
         parts = [
-            np.split(self._true_distances(flight, every), [math.ceil(ticks / every)])
+            np.split(flight.log.column("true_d_m")[::every], [math.ceil(ticks / every)])
             for flight, ticks in zip(self.flights, explored.ticks, strict=True)
         ]
         true_d = np.concatenate([exploring for exploring, _ in parts])
@@ -384,16 +386,24 @@ class Simulation:
         times_s = np.append(flight.log.column("t_s"), pose.t_s)
         return float(self._live.distance(times_s, places_m).min()) - self.settings.vehicle.body_radius_m
 
-    def _true_distances(self, flight: Flight, every: int) -> NDArray[np.float64]:
-        """The true least horizontal distance from the centre of the vehicle, over the height of the body.
+    @property
+    def _scored_every(self) -> int:
+        """Of how many ticks one has its true distance taken."""
+        return max(1, round(SCORED_PERIOD_S / self.settings.control.period_s))
 
-        Of one tick in so many.
+    def _measure_true_distances(self) -> None:
+        """Fill in, where it is not yet, the true least horizontal distance from the centre to the walls.
+
+        Over the height of the body.
         """
-        positions, times_s = flight.log.positions_m[::every], flight.log.column("t_s")[::every]
         half_height_m = self.settings.vehicle.body_height_m / 2.0
-        distances = np.asarray(self._live.horizontal_clearance(times_s, positions, half_height_m), np.float64)
-        flight.log.column("true_d_m")[::every] = distances
-        return distances
+        for flight in self.flights:
+            scored = slice(None, None, self._scored_every)
+            true_d_m = flight.log.column("true_d_m")[scored]
+            new = np.isnan(true_d_m)
+            true_d_m[new] = self._live.horizontal_clearance(
+                flight.log.column("t_s")[scored][new], flight.log.positions_m[scored][new], half_height_m
+            )
 
 
 def _mean(values: NDArray[np.bool_]) -> float:

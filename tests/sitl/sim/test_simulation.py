@@ -106,6 +106,14 @@ class TestRepeatability:
         clock = {"wall_time_s", "times_real_time"}
         assert {k: v for k, v in first.items() if k not in clock} == {k: v for k, v in second.items() if k not in clock}
 
+    def test_to_ask_for_the_score_changes_nothing(self) -> None:
+        """Protects what two flights are compared by: it is the same before and after somebody asked for figures."""
+        short = flown(1, limit_s=2.0)
+        before = records(short)
+        first = short.score()
+        assert records(short) == before
+        assert short.score() == first
+
     def test_another_seed_flies_another_mission(self, mission: Simulation) -> None:
         """Protects against a seed that is not used: start, noise and choices differ."""
         other = flown(2)
