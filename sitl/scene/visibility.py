@@ -23,6 +23,13 @@ _FAN = 36
 _NEXT = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
 _DOWN, _UP = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 1.0])
 
+STEP_RUN_M = 1.0
+"""The vehicle looks so far ahead for the ground that it climbs to (`companion.perception.ground_below`): a step is
+flown over that is no higher than a slope of this length."""
+
+_ROUGH_M = 0.01
+"""Floors are rough: so much a step may be higher."""
+
 _SAME_LEVEL_M = 0.5
 """Two places over one cell that are nearer than this in height are the same place."""
 
@@ -131,8 +138,8 @@ def traveling_surface(
     """The points of the traveling surface S (paper Definition 3.1) that can be reached from a start.
 
     A flood fill, wave by wave, over a horizontal square grid through the start. A neighbour belongs to S if the way to
-    it is free, its ground is not steeper than ``max_slope``, nothing is horizontally nearer to it than ``margin_m``,
-    and the roof is not right above it. Places above each other stay apart.
+    it is free, its ground is not steeper than ``max_slope`` or only for a step that is flown over, nothing is
+    horizontally nearer to it than ``margin_m``, and the roof is not right above it. Places above each other stay apart.
 
     Args:
         caster: casts rays in the world.
@@ -166,7 +173,9 @@ def traveling_surface(
         there = np.column_stack([origin[:2] + cells * step_m, parents[:, 2]])
         free = ~caster.blocked(parents, there)
         there[:, 2] += height_m - caster.cast(there, _DOWN)
-        free &= np.abs(there[:, 2] - parents[:, 2]) <= max_slope * step_m
+        steep = free & (np.abs(there[:, 2] - parents[:, 2]) > max_slope * step_m)
+        free &= ~steep
+        free[steep] = _is_flown_over(caster, parents[steep], there[steep], height_m, max_slope)
         cells, parents, there = cells[free], parents[free], there[free]
         free = ~caster.blocked(parents, there)
         cells, there = cells[free], there[free]
@@ -184,6 +193,26 @@ def traveling_surface(
                 "centimetres)"
             )
     return np.concatenate(found)
+
+
+def _is_flown_over(
+    caster: RayCaster, here: Array, there: Array, height_m: float, max_slope: float
+) -> NDArray[np.bool_]:
+    """Whether the ground between neighbours (n, 3) rises or falls in a step, and not further on as well.
+
+    A metre before and a metre behind it is no further from the one and the other than a slope would be.
+    """
+    run_m, rise_m = STEP_RUN_M, max_slope * STEP_RUN_M + _ROUGH_M
+    good = np.abs(there[:, 2] - here[:, 2]) <= rise_m
+    along = there[:, :2] - here[:, :2]
+    along *= run_m / np.hypot(along[:, 0], along[:, 1])[:, None]
+    top_m = np.maximum(here[:, 2], there[:, 2])
+    for place, other, sign in ((here, there, 1.0), (there, here, -1.0)):
+        begin = np.column_stack([other[:, :2], top_m])
+        beyond = np.column_stack([place[:, :2] + sign * along, top_m])
+        ground = _above_ground(caster, beyond, height_m)
+        good &= ~caster.blocked(begin, beyond) & (np.abs(ground[:, 2] - place[:, 2]) <= rise_m)
+    return np.asarray(good)
 
 
 def has_room_above_ground(caster: RayCaster, places: Array, height_m: float, margin_m: float) -> NDArray[np.bool_]:

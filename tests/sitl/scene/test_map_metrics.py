@@ -152,6 +152,29 @@ def test_the_traveling_surface_stops_at_ramps_that_are_too_steep() -> None:
     assert 9.5 <= surface[:, 0].max() <= 10.5
 
 
+def test_the_traveling_surface_goes_on_behind_a_step_that_is_flown_over_and_not_down_a_shaft() -> None:
+    """Protects the judge of every mine with a step: what lies behind 0.7 m was explored and counted for nothing."""
+    world, caster = scene("hazard:step")
+    surface = traveling_surface(caster, tuple(world.start_area_m[0]), height_m=1.5, margin_m=1.0, step_m=0.25)
+    far_m = world.vertices_m[:, 0].max()
+    assert surface[:, 0].max() > far_m - 2.0
+    assert np.ptp(surface[:, 2]) > 0.6
+    world, caster = scene("hazard:shaft")
+    surface = traveling_surface(caster, tuple(world.start_area_m[0]), height_m=1.5, margin_m=1.0, step_m=0.25)
+    assert np.ptp(surface[:, 2]) < 0.6
+
+
+@pytest.mark.parametrize("slope", [0.6, 0.8, 1.5])
+def test_a_slope_is_not_taken_for_steps(slope: float) -> None:
+    """Protects against a judge that climbs what no vehicle follows, cell by cell."""
+    level = box((0, 0, 0), (20, 6, 3))
+    vertices_m = level.vertices_m.copy()
+    vertices_m[:, 2] += slope * vertices_m[:, 0]
+    ramp = World("ramp", vertices_m, level.triangles, None, np.empty((0, 3)), "a ramp")
+    surface = traveling_surface(RayCaster(ramp), (10.0, 3.0, 10.0 * slope + 1.5), 1.5, 0.5, step_m=0.25)
+    assert (np.ptp(surface[:, 0]) > 10.0) == (slope <= 0.7)
+
+
 def test_the_traveling_surface_does_not_pass_through_walls_or_below_low_roofs() -> None:
     """Two chambers that touch; and in the room, 2.7 m high, a flight too near to the roof or above it."""
     _world, caster = scene("room")
