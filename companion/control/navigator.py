@@ -184,6 +184,7 @@ class Navigator:
         lost_ground = measurement.over_shaft and measurement.missing == (Input.HEIGHT,) and readable
         if lost_ground:
             self._trail.begin(pose)
+            self.homing.lose_ground(pose)
         back_mps = self._trail.back_mps(pose) if lost_ground or not self._holding else None
         if self._holding or scan is None or back_mps is not None:
             self._holding = True

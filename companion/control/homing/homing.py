@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from companion.control.decisions import Choice
 from companion.control.governor import braking_speed_mps
 from companion.control.homing.alignment import Alignment
 from companion.control.homing.homeward import Homeward
-from companion.control.homing.keyframes import Keyframes
+from companion.control.homing.keyframes import Keyframe, Keyframes
 from companion.control.homing.pace import Pace
 from companion.control.informed import Route
 from companion.control.known_ground import KnownGround, Place
@@ -29,6 +31,9 @@ flight began nearer to a wall than the law flies: it lands at the nearest place 
 CLOSED_S, TRIES = 20.0, 3
 """When for so long no way home has been known, and none to anything unseen, what is in the way is looked at anew; where
 it still is so many times, the way is closed."""
+
+EDGE_APART_M, MOST_EDGES = 0.2, 256
+"""Places over which there was no ground below are kept so far apart, the newest."""
 
 LOOK_PERIOD_S = 1.0
 CREEP_MPS = 0.1
@@ -85,6 +90,7 @@ class Homing:
         self._ground = ground
         self._search = search
         self._keyframes = Keyframes(parameters.critical_margin_m)
+        self._without_ground: deque[tuple[float, float]] = deque(maxlen=MOST_EDGES)
         self._alignment = Alignment(self._keyframes)
         self._reckoning: Homeward | None = None
         self._route: tuple[Route, float] | None = None
@@ -120,6 +126,12 @@ class Homing:
         self._keyframes.fly(pose)
         self._keyframes.see(measurement, pose)
         self._ground.fly(here)
+
+    def lose_ground(self, pose: Pose) -> None:
+        """There is no ground below this place: nothing is landed on beside it."""
+        here = pose.x_m, pose.y_m
+        if all(math.dist(here, one) >= EDGE_APART_M for one in self._without_ground):
+            self._without_ground.append(here)
 
     def way_home(self, measurement: Measurement, pose: Pose, t_s: float, anew: bool = False) -> WayHome | None:
         """How far home is from here, by what is known; None where no way is.
@@ -217,7 +229,7 @@ class Homing:
             self._least_m, self._least_s = left_m, t_s
         if left_m > NEAR_M or self._there_s is not None or t_s - self._least_s <= PATIENCE_S:
             return
-        fit = [look.place for look in self._keyframes.near(here, NEAR_M) if look.lands and look.place != self.home]
+        fit = [place for place in self._fit(self._keyframes.near(here, NEAR_M)) if place != self.home]
         nearest = min(fit, key=lambda one: _straight_m(one, pose), default=here)
         # Where it did not get to the place chosen last either, it is enough.
         self._land_at(here if self.lands_elsewhere else nearest, homeward, t_s)
@@ -238,9 +250,21 @@ class Homing:
         if self._tries < TRIES:
             homeward.try_again()
             return
-        fit = [look.place for look in self._keyframes.all if look.lands]
         self.is_closed = True
-        self._land_at(homeward.nearest_home(fit, here) or here, homeward, t_s)
+        self._land_at(homeward.nearest_home(self._fit(self._keyframes.all), here) or here, homeward, t_s)
+
+    def _fit(self, looks: Iterable[Keyframe]) -> list[Place]:
+        """The places to land on: level, wide enough, and as far from the edge of a shaft as from a wall.
+
+        When a look was made beside it, nobody may have known of the shaft yet.
+        """
+        room_m = self._parameters.critical_margin_m
+        return [
+            look.place
+            for look in looks
+            if look.lands
+            and all(math.dist((look.place.x_m, look.place.y_m), edge) >= room_m for edge in self._without_ground)
+        ]
 
     def _land_at(self, place: Place, homeward: Homeward, t_s: float) -> None:
         """Instead of at home."""

@@ -123,6 +123,20 @@ def test_where_the_way_home_is_closed_it_lands_as_near_to_home_as_it_gets() -> N
     assert track.distances_m().min() > 0.6
 
 
+def test_beside_a_shaft_nothing_is_landed_on() -> None:
+    """The vehicle landed 0.5 m from an edge: when the look was made there, nobody knew yet of the shaft beside it."""
+    navigator, there = explored(BEND, 70.0, level)
+    edge = [(x_m, y_m) for x_m in np.arange(9.6, 11.9, 0.3) for y_m in np.arange(-2.0, 2.1, 0.3)]
+    for x_m, y_m in edge:
+        navigator.homing.lose_ground(Pose(there.t_s, x_m, y_m, 1.5, 0.0))
+    closed = Scene(BEND_OUTLINE, box(9.0, -2.0, 9.3, 2.0))
+    end = flown_home(navigator, closed, there, level, most_s=300.0).poses[-1]
+    assert navigator.is_home
+    assert navigator.homing.is_closed
+    apart_m = min(math.dist((end.x_m, end.y_m), place) for place in edge)
+    assert navigator.parameters.critical_margin_m - GONE_M / 2.0 < apart_m < 3.0
+
+
 @pytest.mark.parametrize(("width_m", "seed"), [(2.2, 2), (1.8, 3), (1.9, 1)])
 def test_a_gap_that_it_flew_out_through_is_flown_home_through(width_m: float, seed: int) -> None:
     """A gap is hardly wider than what the scan has to confirm: the first two were blocked for good, and it landed."""
