@@ -11,7 +11,7 @@ from companion.config.settings import Settings
 from companion.control.fleet import Fleet
 from companion.control.known_ground import Outlook
 from companion.control.navigator import Navigator
-from companion.control.separation import Back, Separation, Spacing
+from companion.control.separation import Back, Clearance, Separation, Spacing
 from companion.model import Input, Measurement, Mode, Observation, Setpoint
 from companion.perception import Extractor
 
@@ -152,3 +152,15 @@ class Explorer:
         waits = order is Order.WAIT and not self.goes_back
         steer = self.navigator.wait if waits else self.navigator.step
         return Steering(measurement, steer(measurement, observation.pose, observation.t_s))
+
+    def apart(self, setpoint: Setpoint, clearance: Clearance, yaw_rad: float) -> Setpoint:
+        """What is asked for, no nearer to other vehicles; but back from over a shaft in any case.
+
+        Who stood there would be landed for want of a height.
+
+        Args:
+            setpoint: of the last step.
+            clearance: what the others leave it to do.
+            yaw_rad: the heading, in the frame that the vehicles share.
+        """
+        return setpoint if self.goes_back else clearance.limited(setpoint, yaw_rad)

@@ -86,19 +86,26 @@ class Clearance:
     def limited(self, setpoint: Setpoint, yaw_rad: float) -> Setpoint:
         """The same, no faster than it can stand before it is too near to any of them, who comes as fast.
 
+        Whichever way it flies: away from a wall it also flies aside, or backward.
+
         Args:
             setpoint: what the law wants.
             yaw_rad: the heading, in the frame that the vehicles share.
         """
-        if setpoint.speed_mps <= 0.0:
+        wanted_mps = math.hypot(setpoint.speed_mps, setpoint.lateral_mps)
+        if wanted_mps <= 0.0:
             return setpoint
-        most_mps = min((self._most_mps(*one, yaw_rad) for one in self.beside_m), default=math.inf)
-        return replace(setpoint, speed_mps=min(setpoint.speed_mps, most_mps))
+        course_rad = yaw_rad + math.atan2(setpoint.lateral_mps, setpoint.speed_mps)
+        most_mps = min((self._most_mps(*one, course_rad) for one in self.beside_m), default=math.inf)
+        if most_mps >= wanted_mps:
+            return setpoint
+        share = most_mps / wanted_mps
+        return replace(setpoint, speed_mps=share * setpoint.speed_mps, lateral_mps=share * setpoint.lateral_mps)
 
-    def _most_mps(self, east_m: float, north_m: float, yaw_rad: float) -> float:
+    def _most_mps(self, east_m: float, north_m: float, course_rad: float) -> float:
         spacing = self.spacing
-        ahead_m = east_m * math.cos(yaw_rad) + north_m * math.sin(yaw_rad)
-        aside_m = north_m * math.cos(yaw_rad) - east_m * math.sin(yaw_rad)
+        ahead_m = east_m * math.cos(course_rad) + north_m * math.sin(course_rad)
+        aside_m = north_m * math.cos(course_rad) - east_m * math.sin(course_rad)
         if ahead_m <= 0.0 or abs(aside_m) >= spacing.keep_m:
             return math.inf
         way_m = ahead_m - math.sqrt(spacing.keep_m**2 - aside_m**2)

@@ -153,7 +153,8 @@ class ControlLoop:
             steering = self._explorer.step(observation, order, beneath)
             measurement, setpoint = steering.measurement, steering.setpoint
             if clearance is not None and self._company is not None:
-                setpoint = clearance.limited(setpoint, self._company.shared_yaw_rad(observation.pose))
+                yaw_rad = self._company.shared_yaw_rad(observation.pose)
+                setpoint = self._explorer.apart(setpoint, clearance, yaw_rad)
         elif observation is not None:
             measurement = self._explorer.look(observation)
         missing = (Input.POSE,) if measurement is None else measurement.missing

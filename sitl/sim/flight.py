@@ -112,7 +112,7 @@ class Flight:
         steering = self._explorer.step(observation, order, self._separation.beneath() if fleet else ())
         measurement, setpoint = steering.measurement, steering.setpoint
         if clearance is not None:
-            setpoint = clearance.limited(setpoint, observation.pose.yaw_rad)
+            setpoint = self._explorer.apart(setpoint, clearance, observation.pose.yaw_rad)
         if observation.frame is not None:
             self.map.integrate(observation.frame)
         self.log.append(

@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from companion.control.fleet import Fleet, Report
@@ -173,22 +173,38 @@ def test_under_a_low_roof_patience_ends_and_the_distance_is_kept() -> None:
 
 
 @given(
-    ahead_m=st.floats(-3.0, 3.0), aside_m=st.floats(-3.0, 3.0), speed_mps=st.floats(-0.5, 0.5), yaw=st.floats(-4.0, 4.0)
+    ahead_m=st.floats(-3.0, 3.0),
+    aside_m=st.floats(-3.0, 3.0),
+    forward_mps=st.floats(-0.5, 0.5),
+    left_mps=st.floats(-0.5, 0.5),
+    yaw=st.floats(-4.0, 4.0),
 )
+@example(ahead_m=0.0, aside_m=0.8, forward_mps=0.0, left_mps=0.4, yaw=0.0)
+@example(ahead_m=-0.8, aside_m=0.0, forward_mps=-0.4, left_mps=0.0, yaw=0.0)
 def test_a_limited_speed_is_one_that_can_be_stood_before(
-    ahead_m: float, aside_m: float, speed_mps: float, yaw: float
+    ahead_m: float, aside_m: float, forward_mps: float, left_mps: float, yaw: float
 ) -> None:
-    """Whoever flies straight on at it, reacts late and brakes, has half of the way left to the other one."""
+    """Whoever flies straight on at it, reacts late and brakes, has half of the way left to the other one.
+
+    Aside and backward too: away from a wall a vehicle came sideways at another one as fast as it liked.
+    """
     east_m = ahead_m * math.cos(yaw) - aside_m * math.sin(yaw)
     north_m = ahead_m * math.sin(yaw) + aside_m * math.cos(yaw)
     clearance = Clearance(1.5, False, ((east_m, north_m),), SPACING)
-    limited_mps = clearance.limited(Setpoint(0.0, speed_mps, 0.0, 0.0), yaw).speed_mps
-    assert limited_mps <= speed_mps
-    if limited_mps <= 0.0 or ahead_m <= 1e-9:
+    limited = clearance.limited(Setpoint(0.0, forward_mps, 0.0, 0.0, left_mps), yaw)
+    wanted_mps, limited_mps = math.hypot(forward_mps, left_mps), math.hypot(limited.speed_mps, limited.lateral_mps)
+    assert limited_mps <= wanted_mps + 1e-12
+    assert limited.speed_mps * left_mps == pytest.approx(limited.lateral_mps * forward_mps, abs=1e-9)
+    if limited_mps <= 1e-9:
+        return
+    towards_m = (ahead_m * forward_mps + aside_m * left_mps) / wanted_mps
+    beside_m = (aside_m * forward_mps - ahead_m * left_mps) / wanted_mps
+    if towards_m <= 1e-9:
+        assert limited_mps == pytest.approx(wanted_mps)
         return
     stop_m = limited_mps * SPACING.reaction_s + limited_mps**2 / (2.0 * SPACING.brake_mps2)
-    apart_m = math.hypot(ahead_m - 2.0 * stop_m, aside_m)
-    assert apart_m >= SPACING.keep_m - 1e-6 or abs(aside_m) >= SPACING.keep_m - 1e-6
+    apart_m = math.hypot(towards_m - 2.0 * stop_m, beside_m)
+    assert apart_m >= SPACING.keep_m - 1e-6 or abs(beside_m) >= SPACING.keep_m - 1e-6
 
 
 # Many of them, in a world that is nothing but them.

@@ -10,10 +10,11 @@ import pytest
 
 from companion.config.load import load_settings
 from companion.control.homing.homing import NEAR_M, PATIENCE_S
+from companion.control.separation import Clearance
 from companion.control.trail import BACK_M, BACK_MPS
 from companion.flight.warm_up import Eyes
 from companion.model import Beam, Observation, Pose, RangeReading, Setpoint
-from companion.pipeline import Explorer, Order
+from companion.pipeline import Explorer, Order, spacing
 from companion.station_keeping import MOST_MPS
 
 SETTINGS = load_settings(None, "flight")
@@ -95,11 +96,15 @@ def test_nobody_waits_where_the_ground_has_ended() -> None:
     flight.fly(Order.WAIT, 1.0)
     assert flight.measurement.over_shaft
     assert flight.towards_mps(flight.setpoint) == pytest.approx(-BACK_MPS, abs=0.02)
+    right_behind = Clearance(1.5, True, ((-0.5, 0.0),), spacing(SETTINGS))
+    assert flight.explorer.apart(flight.setpoint, right_behind, flight.pose.yaw_rad) == flight.setpoint
     flight.speed_mps, flight.has_ground = -BACK_MPS, True
     flight.fly(Order.WAIT, 0.8 * BACK_M / BACK_MPS)
     assert flight.towards_mps(flight.setpoint) == pytest.approx(-BACK_MPS, abs=0.02), "not at the edge"
     flight.fly(Order.WAIT, 0.3 * BACK_M / BACK_MPS)
     assert not flight.explorer.goes_back
     flight.speed_mps = 0.0
+    backward = Setpoint(flight.pose.t_s, -BACK_MPS, 0.0, 0.0)
+    assert flight.explorer.apart(backward, right_behind, 0.0).speed_mps == 0.0, "no more than anybody"
     flight.fly(Order.WAIT, 3.0)
     assert math.hypot(flight.setpoint.speed_mps, flight.setpoint.lateral_mps) <= MOST_MPS, "it only keeps its place"
