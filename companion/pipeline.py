@@ -113,6 +113,10 @@ def fleet_of(settings: Settings, own_id: int) -> tuple[Fleet, Separation]:
     return fleet, Separation(fleet, apart, settings.control.height_m, settings.fleet.stale_after_s)
 
 
+DENSE_VOXELS = 1.5
+"""Rows of a picture that meet a floor no further apart leave no holes in the map: the next picture is of elsewhere."""
+
+
 class Explorer:
     """From observations to setpoints. Knows no clock: the time of a tick is that of its observation.
 
@@ -124,8 +128,9 @@ class Explorer:
     def __init__(self, settings: Settings, rng: np.random.Generator) -> None:
         camera = settings.sensors.camera
         reach_m = min(camera.max_range_m, settings.mapping.max_range_m)
+        dense_m = DENSE_VOXELS * settings.mapping.voxel_m * camera.model().fy_px
         self.navigator = Navigator(
-            settings.control, rng, Outlook.of(*camera.elevations_rad(), *camera.bearings_rad(), reach_m)
+            settings.control, rng, Outlook.of(*camera.elevations_rad(), *camera.bearings_rad(), reach_m, dense_m)
         )
         self.goes_back = False
         """The ground below has ended: it goes back the way that it came, and neither waits nor is landed before."""

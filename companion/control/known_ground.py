@@ -73,6 +73,7 @@ class Outlook(NamedTuple):
         towards_rad: where it looks, to the left.
         half_width_rad: how far to each side of that it sees.
         reach_m: how far the map believes it, along a ray.
+        dense_m: focal length in rows of the picture, times how far from each other these may meet a floor or a roof.
     """
 
     down: float
@@ -80,15 +81,22 @@ class Outlook(NamedTuple):
     towards_rad: float
     half_width_rad: float
     reach_m: float
+    dense_m: float = math.inf
 
     @classmethod
     def of(
-        cls, lowest_rad: float, highest_rad: float, rightmost_rad: float, leftmost_rad: float, reach_m: float
+        cls,
+        lowest_rad: float,
+        highest_rad: float,
+        rightmost_rad: float,
+        leftmost_rad: float,
+        reach_m: float,
+        dense_m: float = math.inf,
     ) -> Outlook:
         """That of a camera whose image ends at these elevations, upward positive, and bearings, to the left."""
         down, up = (1.0 / math.tan(off) if off > 0.0 else math.inf for off in (-lowest_rad, highest_rad))
         towards_rad, half_width_rad = (leftmost_rad + rightmost_rad) / 2.0, (leftmost_rad - rightmost_rad) / 2.0
-        return cls(down, up, towards_rad, half_width_rad, reach_m)
+        return cls(down, up, towards_rad, half_width_rad, reach_m, dense_m)
 
     def seen_m(self, h_m: float, roof_m: float) -> tuple[float, float]:
         """Between which distances ground ahead counts as seen, floor and roof being so far below and above.
@@ -96,10 +104,15 @@ class Outlook(NamedTuple):
         Nearer they lie outside of the picture, and what is only passed beside or in a turn stays unseen: corners most
         of all. Under a roof that never comes into the picture the furthest half metre counts. Aside, at a bearing β,
         they come into the picture 1/cos β as far away: the picture is flat.
+
+        Far off the rows of the picture meet the floor further and further apart, and the map has holes between them: at
+        a distance x, with a focal length of f rows, x² / (f h).
         """
         from_m = max(h_m * self.down, roof_m * self.up)
         believed_m = math.sqrt(max(self.reach_m**2 - max(h_m, roof_m) ** 2, 0.0))
-        to_m = min(max(LOOK_M, from_m + LOOK_DEEP_M), max(believed_m, LEAST_LOOK_SHARE * self.reach_m))
+        closed_m = math.inf if math.isinf(self.dense_m) else math.sqrt(max(self.dense_m * h_m, 0.0))
+        mapped_m = max(min(believed_m, closed_m), LEAST_LOOK_SHARE * self.reach_m)
+        to_m = min(max(LOOK_M, from_m + LOOK_DEEP_M), mapped_m)
         return max(min(from_m, to_m - LAST_M), 0.0), to_m
 
 

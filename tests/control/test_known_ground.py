@@ -220,10 +220,29 @@ class TestOutlook:
         assert is_seen(4.5, 40.0)
         assert not is_seen(4.5, 60.0)
 
-    @given(h_m=st.floats(0.0, 1e4), roof_m=st.floats(0.0, 1e4), reach_m=st.floats(0.5, 30.0))
-    def test_there_is_always_something_to_see(self, h_m: float, roof_m: float, reach_m: float) -> None:
+    @pytest.mark.parametrize("camera", [CameraSettings(vertical_fov_deg=74.0), CameraSettings(height_px=90)])
+    def test_as_far_as_floor_counts_as_seen_the_rows_of_the_picture_are_close(self, camera: CameraSettings) -> None:
+        """Protects the map from holes: a wide picture of few rows meets the floor 5 m ahead a quarter of a metre apart.
+
+        In a tunnel that a vehicle with such a camera flew through, it had nothing left to look for with 97 % of it.
+        """
+        model, h_m, apart_m = camera.model(), 1.2, 0.15
+        outlook = Outlook.of(*camera.elevations_rad(), *camera.bearings_rad(), 5.0, apart_m * model.fy_px)
+        _, to_m = outlook.seen_m(h_m, h_m)
+        rows_m = model.fy_px * h_m / (np.arange(int(model.cy_px) + 1, model.height_px) - model.cy_px)
+        seen_m = rows_m[rows_m <= to_m]
+        assert np.abs(np.diff(seen_m)).max() <= apart_m
+        assert to_m >= 0.7 * 5.0
+
+    @given(
+        h_m=st.floats(0.0, 1e4),
+        roof_m=st.floats(0.0, 1e4),
+        reach_m=st.floats(0.5, 30.0),
+        dense_m=st.floats(0.0, math.inf),
+    )
+    def test_there_is_always_something_to_see(self, h_m: float, roof_m: float, reach_m: float, dense_m: float) -> None:
         """Whatever the heights: from nearer to further, and no further than the map believes."""
-        from_m, to_m = Outlook.of(-0.5, 0.4, -0.7, 0.7, reach_m).seen_m(h_m, roof_m)
+        from_m, to_m = Outlook.of(-0.5, 0.4, -0.7, 0.7, reach_m, dense_m).seen_m(h_m, roof_m)
         assert 0.0 <= from_m < to_m <= reach_m
 
 
