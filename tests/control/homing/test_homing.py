@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.control.homing.homing import GONE_M, SETTLING_S
+from companion.control.homing.homing import GONE_M, NOTICED_M, SETTLING_S
 from companion.control.navigator import Navigator
 from companion.model import Measurement, Mode, Pose
 from tests.control.scene import CAMERA_RAD, Scene, Track, box, fly, law_parameters
@@ -134,7 +134,7 @@ def test_beside_a_shaft_nothing_is_landed_on() -> None:
     assert navigator.is_home
     assert navigator.homing.is_closed
     apart_m = min(math.dist((end.x_m, end.y_m), place) for place in edge)
-    assert navigator.parameters.critical_margin_m - GONE_M / 2.0 < apart_m < 3.0
+    assert navigator.parameters.critical_margin_m + NOTICED_M - GONE_M / 2.0 < apart_m < 3.0
 
 
 @pytest.mark.parametrize(("width_m", "seed"), [(2.2, 2), (1.8, 3), (1.9, 1)])
