@@ -73,7 +73,7 @@ class Outlook(NamedTuple):
         towards_rad: where it looks, to the left.
         half_width_rad: how far to each side of that it sees.
         reach_m: how far the map believes it, along a ray.
-        dense_m: focal length in rows of the picture, times how far from each other these may meet a floor or a roof.
+        dense_m: focal length in rows of the picture, times how far from each other these may meet a floor.
     """
 
     down: float

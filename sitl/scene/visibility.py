@@ -23,9 +23,9 @@ _FAN = 36
 _NEXT = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
 _DOWN, _UP = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 1.0])
 
-STEP_RUN_M = 1.0
-"""The vehicle looks so far ahead for the ground that it climbs to (`companion.perception.ground_below`): a step is
-flown over that is no higher than a slope of this length."""
+_STEP_RUN_M = 1.0
+"""A step counts as flown over when it is no higher than the steepest slope of this length: 0.7 m. Less than what the
+presets' vehicle flies over, H less half of its slab (`companion.perception.ground_below`)."""
 
 _ROUGH_M = 0.01
 """Floors are rough: so much a step may be higher."""
@@ -202,10 +202,10 @@ def _is_flown_over(
 
     A metre before and a metre behind it is no further from the one and the other than a slope would be.
     """
-    run_m, rise_m = STEP_RUN_M, max_slope * STEP_RUN_M + _ROUGH_M
+    rise_m = max_slope * _STEP_RUN_M + _ROUGH_M
     good = np.abs(there[:, 2] - here[:, 2]) <= rise_m
     along = there[:, :2] - here[:, :2]
-    along *= run_m / np.hypot(along[:, 0], along[:, 1])[:, None]
+    along *= _STEP_RUN_M / np.hypot(along[:, 0], along[:, 1])[:, None]
     top_m = np.maximum(here[:, 2], there[:, 2])
     for place, other, sign in ((here, there, 1.0), (there, here, -1.0)):
         begin = np.column_stack([other[:, :2], top_m])
