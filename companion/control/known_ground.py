@@ -387,9 +387,9 @@ class KnownGround:
         return True
 
 
-def _first(*numbers: float | None) -> float:
-    """The first that is known; 0 when none is."""
-    return next((number for number in numbers if number is not None), 0.0)
+def _first(*heights_m: float | None) -> float:
+    """The first that is known and can be a height; 0 when none is."""
+    return next((height_m for height_m in heights_m if height_m is not None and abs(height_m) < ABSURD), 0.0)
 
 
 @compiled

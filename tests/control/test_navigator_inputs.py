@@ -101,10 +101,12 @@ def test_a_height_that_is_none_ends_no_flight(choice: str, wrong: float) -> None
     for told, pose in (
         (beside(1, edge_scan(-1)), replace(ORIGIN, z_m=wrong)),
         (replace(beside(1, edge_scan(-1)), h_m=wrong, ground_slope=wrong, roof_m=wrong), ORIGIN),
+        (replace(beside(1, edge_scan(-1)), h_m=None, roof_m=wrong), ORIGIN),
+        (replace(beside(1, edge_scan(-1)), roof_m=wrong), ORIGIN),
     ):
         navigator = in_boundary(1, choice=choice)
         for tick in range(4):
-            setpoint = navigator.step(told, replace(pose, x_m=0.3 * tick), float(tick))
+            setpoint = navigator.step(replace(told, t_s=float(tick)), replace(pose, x_m=0.3 * tick), float(tick))
             assert all(math.isfinite(value) for value in (setpoint.speed_mps, setpoint.yaw_rate_radps))
         assert navigator.graph.snapshot().counts().vertices > 0
 
