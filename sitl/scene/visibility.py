@@ -23,6 +23,9 @@ _FAN = 36
 _NEXT = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
 _DOWN, _UP = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 1.0])
 
+MAX_SLOPE = 0.7
+"""Steepest ground that S follows, rise over run."""
+
 _STEP_RUN_M = 1.0
 """A step counts as flown over when it is no higher than the steepest slope of this length: 0.7 m. Less than what the
 presets' vehicle flies over, H less half of its slab (`companion.perception.ground_below`)."""
@@ -30,7 +33,10 @@ presets' vehicle flies over, H less half of its slab (`companion.perception.grou
 _ROUGH_M = 0.01
 """Floors are rough: so much a step may be higher."""
 
-_SAME_LEVEL_M = 0.5
+MOST_STEP_M = MAX_SLOPE * _STEP_RUN_M + _ROUGH_M
+"""A step between neighbours of S is no higher."""
+
+SAME_LEVEL_M = 0.5
 """Two places over one cell that are nearer than this in height are the same place."""
 
 
@@ -131,7 +137,7 @@ def traveling_surface(
     height_m: float,
     margin_m: float,
     step_m: float = _STEP_M,
-    max_slope: float = 0.7,
+    max_slope: float = MAX_SLOPE,
     start_margin_m: float | None = None,
     say: Say = silent,
 ) -> Array:
@@ -245,7 +251,7 @@ class _Levels:
         fresh = np.zeros(len(cells), dtype=bool)
         for k, (x, y, height_m) in enumerate(zip(*cells.T.tolist(), heights_m.tolist(), strict=True)):
             known = self._heights_m.setdefault((x, y), [])
-            fresh[k] = all(abs(height_m - other) > _SAME_LEVEL_M for other in known)
+            fresh[k] = all(abs(height_m - other) > SAME_LEVEL_M for other in known)
             if fresh[k]:
                 known.append(height_m)
         return fresh

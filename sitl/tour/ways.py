@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import compiled
+from sitl.scene.visibility import MAX_SLOPE, MOST_STEP_M, SAME_LEVEL_M
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -17,10 +18,6 @@ Indices = NDArray[np.int64]
 _STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
 """To half of the 16 neighbours: with eight, a way is up to 8 % too long, with these 3 %, before it is pulled taut."""
 
-_SAME_LEVEL_M = 0.5
-"""Places over one cell that are nearer than this in height are the same place, as for the surface itself."""
-
-_MAX_SLOPE = 0.7
 _BORDER = 2
 """Empty cells all round, as far as a step goes."""
 
@@ -111,7 +108,9 @@ class Ways:
             for level in range(self._at.shape[2]):
                 other = self._at[self.cells[:, 0] + _BORDER + dx, self.cells[:, 1] + _BORDER + dy, level]
                 rise_m = np.where(other >= 0, heights_m[other] - heights_m, np.inf)
-                joined = np.flatnonzero(np.abs(rise_m) <= _MAX_SLOPE * flat_m)
+                # Neighbours of the surface may lie on both sides of a step.
+                most_m = MOST_STEP_M if dx == 0 or dy == 0 else MAX_SLOPE * flat_m
+                joined = np.flatnonzero(np.abs(rise_m) <= most_m)
                 joined = joined[_are_straight(joined, other[joined], self.cells, heights_m, self._at)]
                 here += [joined, other[joined]]
                 there += [other[joined], joined]
@@ -161,7 +160,7 @@ def _place_at(x: int, y: int, z_m: float, at: Indices, heights_m: Array) -> int:
         return -1
     for level in range(at.shape[2]):
         place = at[x + _BORDER, y + _BORDER, level]
-        if place >= 0 and abs(heights_m[place] - z_m) <= _SAME_LEVEL_M:
+        if place >= 0 and abs(heights_m[place] - z_m) <= SAME_LEVEL_M:
             return int(place)
     return -1
 

@@ -105,3 +105,12 @@ def test_what_is_above_each_other_is_joined_by_no_way() -> None:
     assert ways.nearest(np.array([[1.1, 0.1, 3.9]])).tolist() == [7]
     with pytest.raises(ValueError, match="no way"):
         ways.leg(0, 7)
+
+
+@pytest.mark.parametrize(("step_m", "leads"), [(0.7, True), (0.8, False)])
+def test_ways_lead_over_the_steps_that_the_surface_goes_over(step_m: float, leads: bool) -> None:
+    """Protects tours of real mines: what the judge counts as flown over, the tour flies over as well."""
+    ways = Ways(np.concatenate([grid("#####"), grid(".....#####", z_m=step_m)]), 0.5)
+    assert np.isfinite(ways.lengths_m(0)[5:]).all() == leads
+    if leads:
+        assert ways.leg(0, 9).length_m == pytest.approx(math.hypot(4.5, step_m))
