@@ -49,7 +49,7 @@ class Alignment:
     def __init__(self, keyframes: Keyframes) -> None:
         self._keyframes = keyframes
         self._turn_rad, self._x_m, self._y_m, self._z_m = 0.0, 0.0, 0.0, 0.0
-        self._reference_way_m = keyframes.way_m
+        self._reference_way_m = self._told_way_m = keyframes.way_m
         self._next_s = -math.inf
         self._last: Pose | None = None
         self._since_m = 0.0
@@ -90,7 +90,7 @@ class Alignment:
         if len(look_m) < LEAST_POINTS or not near:
             return False
         for piece in self._pieces(near):
-            drifted_m = DRIFT_SHARE * (abs(self._reference_way_m - piece[0].way_m) + self._since_m)
+            drifted_m = DRIFT_SHARE * (abs(self._told_way_m - piece[0].way_m) + self._since_m)
             reach_m = min(REACH_M + drifted_m, MOST_M)
             known_m = np.concatenate([look.walls_m for look in piece])
             if len(known_m) == 0:
@@ -98,9 +98,10 @@ class Alignment:
             found = match(look_m, (here.x_m, here.y_m), known_m, reach_m, REACH_RAD)
             if found.share >= LEAST_SHARE or (found.share >= CLEARLY_SHARE and found.better_by >= CLEARLY_BY):
                 is_told = found.better_by >= TOLD_BY
-                if is_told:
-                    self._since_m = 0.0
                 self._take(found if is_told else found.across(), piece, here, measurement.h_m)
+                if is_told:
+                    # Along a smooth drift nobody knows it, and all that it drifted since it was told counts on.
+                    self._told_way_m, self._since_m = self._reference_way_m, 0.0
                 return True
         return False
 
