@@ -19,6 +19,9 @@ NEAR_CELLS = 4
 COARSE_M, FINE_M = 0.2, 0.05
 COARSE_RAD, FINE_RAD = math.radians(2.0), math.radians(0.5)
 
+COARSE_POINTS = 80
+"""About so many points of walls, evenly chosen, are enough to find the place roughly: thousands are tried."""
+
 FAR_SHARE, PER_RAD = 0.1, 0.1
 """What a look must agree better by to be moved as far as it may be off, and for each radian: along a smooth drift
 nothing says how far, and then it stays."""
@@ -70,7 +73,8 @@ def match(look_m: Points, at_m: tuple[float, float], known_m: Points, reach_m: f
     likeness = _likeness(known_m - low, rows, columns)
     about, centre = look_m - np.asarray(at_m), np.asarray(at_m) - low
     per_m = FAR_SHARE / reach_m
-    rough = _best(likeness, about, centre, (0.0, 0.0, 0.0), (reach_m, COARSE_M), (reach_rad, COARSE_RAD), per_m)
+    some = np.ascontiguousarray(about[:: max(1, len(about) // COARSE_POINTS)])
+    rough = _best(likeness, some, centre, (0.0, 0.0, 0.0), (reach_m, COARSE_M), (reach_rad, COARSE_RAD), per_m)
     x_m, y_m, turn_rad, share = _best(
         likeness, about, centre, rough[:3], (COARSE_M, FINE_M), (COARSE_RAD, FINE_RAD), per_m
     )
