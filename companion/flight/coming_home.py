@@ -34,6 +34,7 @@ class Homecoming:
         way_m: its length where it turned back.
         homing_s: how long it took.
         off_home_m: how far from home it landed, by its own account; the landing itself is in it.
+        unsure_m: how far that may be wrong, by the drift of the position since walls last told a place.
         charge_turning_percent: of the battery where it turned back.
         charge_promised_percent: what should be left after the landing at home, by the first word on it.
         charge_came_percent: what was.
@@ -45,6 +46,7 @@ class Homecoming:
     ended: Termination | None = None
     homing_s: float | None = None
     off_home_m: float | None = None
+    unsure_m: float | None = None
     charge_came_percent: float | None = None
 
     @property
@@ -60,6 +62,7 @@ class Homecoming:
             "way_home_m": _rounded(self.way_m),
             "homing_s": _rounded(self.homing_s),
             "off_home_m": None if self.off_home_m is None else round(self.off_home_m, 2),
+            "off_home_unsure_m": None if self.unsure_m is None else round(self.unsure_m, 2),
             "charge_turning_percent": _rounded(self.charge_turning_percent),
             "charge_promised_percent": _rounded(self.charge_promised_percent),
             "charge_came_percent": _rounded(self.charge_came_percent),
@@ -141,14 +144,16 @@ class ComingHome:
     def landed(self) -> None:
         """The landing is over, as far as it was waited for."""
         self._measure()
-        off_m = self.homecoming.off_home_m
-        self._events.emit(Event.LANDED, off="somewhere" if off_m is None else f"{off_m:.1f} m")
+        off_m, unsure_m = self.homecoming.off_home_m, self.homecoming.unsure_m
+        off = "somewhere" if off_m is None else f"{off_m:.1f} m"
+        self._events.emit(Event.LANDED, off=off, unsure="" if unsure_m is None else f", give or take {unsure_m:.1f} m")
 
     def _measure(self) -> None:
         now_s = self._session.clock.now_s()
         self._prospect.look(now_s, self._session.telemetry.state(now_s), self._prospect.way)
         self.homecoming.charge_came_percent = self._prospect.charge_percent
         self.homecoming.off_home_m = self._control_loop.off_home_m()
+        self.homecoming.unsure_m = None if self.homecoming.off_home_m is None else self._control_loop.unsure_m
 
     def _watch_reach(self, now_s: float) -> None:
         """Tell once, when the battery turns out not to last: to be nearer to home is worth the way all the same."""

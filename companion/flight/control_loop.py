@@ -128,6 +128,11 @@ class ControlLoop:
         return None if self.pose is None or homing.began_at is None else homing.off_home_m(homing.pose(self.pose))
 
     @property
+    def unsure_m(self) -> float:
+        """How far `off_home_m` may be wrong by the drift of the position."""
+        return self._explorer.navigator.homing.unsure_m
+
+    @property
     def is_home(self) -> bool:
         """Whether the vehicle has come home and stands there."""
         return self._explorer.navigator.is_home

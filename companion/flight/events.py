@@ -157,7 +157,7 @@ class Event(enum.Enum):
     )
     UNFIT_TO_LAND = Texts("the place to land is {what}", "landing place: {what}", "landing", severity=_WARNING)
     LANDED = Texts(
-        "landed {off} from where it took off, by its own account",
+        "landed {off} from where it took off, by its own account{unsure}",
         "companion: landed {off} from home",
         "landing",
         severity=_NOTICE,

@@ -106,6 +106,7 @@ class ComingHome:
             "arrived": self.ended_because == "home" and off_m <= ARRIVED_M,
             "off_m": round(off_m, 3),
             "off_by_its_own_account_m": _rounded(came.to_go_m),
+            "off_unsure_m": round(flight.navigator.homing.unsure_m, 3),
             "time_s": round(came.pose.t_s - began.began_s, 2),
             "way_m": None if began.way is None else round(began.way.length_m, 2),
             "promised_s": None if began.way is None else round(began.way.time_s, 1),

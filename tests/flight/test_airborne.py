@@ -120,6 +120,10 @@ class ControlLoop:
     def off_home_m(self) -> float | None:
         return self.off_m
 
+    @property
+    def unsure_m(self) -> float:
+        return 0.31
+
     async def run(self) -> None:
         while True:
             self._gate.look()

@@ -110,6 +110,7 @@ async def test_what_is_complete_comes_home_and_lands_there(homeward: Homeward) -
     found = came.as_json()
     assert found["arrived"]
     assert (found["ended_because"], found["way_home_m"], found["off_home_m"]) == ("home", WAY_M, 0.12)
+    assert found["off_home_unsure_m"] == 0.31
     assert found["homing_s"] == pytest.approx(40.0, abs=1.0)
     assert found["charge_turning_percent"] - found["charge_came_percent"] == pytest.approx(4.0, abs=0.3)
     assert found["charge_promised_percent"] == pytest.approx(80.0 - 3.0 - 23.0, abs=1.0), "once it knows what it draws"
@@ -117,7 +118,7 @@ async def test_what_is_complete_comes_home_and_lands_there(homeward: Homeward) -
     assert turned["instead"] == "Ctrl-C twice"
     assert turned["outlook"] == "20 m, battery 80 %", "the drain of a few seconds is no drain"
     assert len(homeward.seen(Event.HOMING_PROGRESS)) == 40.0 // TELL_PERIOD_S
-    assert homeward.seen(Event.LANDED) == [{"off": "0.1 m"}]
+    assert homeward.seen(Event.LANDED) == [{"off": "0.1 m", "unsure": ", give or take 0.3 m"}]
     assert not homeward.seen(Event.ENDED)
 
 

@@ -56,6 +56,14 @@ class Alignment:
         self.matches = 0
         """How often a place was recognised."""
 
+    @property
+    def unsure_m(self) -> float:
+        """How far it may be off, beside what it says itself: by the drift of all the way since walls last told a place.
+
+        And of the way out from home to that place, which is how far apart the two were known to be then.
+        """
+        return DRIFT_SHARE * (self._told_way_m + self._since_m)
+
     def pose(self, pose: Pose) -> Pose:
         """Where the vehicle is, by the position of the way out."""
         cos, sin = math.cos(self._turn_rad), math.sin(self._turn_rad)

@@ -204,6 +204,11 @@ class Homing:
         """How far it is from where the flight began, straight; infinite where nobody knows where that is."""
         return _straight_m(self.began_at, pose)
 
+    @property
+    def unsure_m(self) -> float:
+        """How far `off_home_m` may be wrong by the drift of the position."""
+        return self._alignment.unsure_m
+
     def has_arrived(self, pose: Pose, t_s: float) -> bool:
         """Whether the vehicle is where it is to stand; asked with every pose on the way home, as `pose` gives it."""
         self._look_whether_it_gets_there(pose, t_s)

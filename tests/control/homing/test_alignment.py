@@ -64,6 +64,7 @@ def test_what_a_smooth_drift_has_not_told_is_looked_for_until_walls_tell_it() ->
     """
     homing, t_s = flown_out()
     off_m = (1.1, 0.3)
+    assert homing.unsure_m == pytest.approx(1.2, abs=0.1), "1 % of the lap"
     for x_m in np.arange(24.0, -0.5, -0.5):
         t_s += 0.5
         truly = Pose(t_s, float(x_m), 0.0, 1.5, math.pi)
@@ -71,4 +72,6 @@ def test_what_a_smooth_drift_has_not_told_is_looked_for_until_walls_tell_it() ->
         homing.align(RING.measure(truly, CAMERA_RAD, truly.z_m), believed, t_s)
         found = homing.pose(believed)
         assert abs(found.y_m - truly.y_m) < 0.15
+        assert math.hypot(found.x_m - truly.x_m, found.y_m - truly.y_m) < homing.unsure_m + 0.2, "it says so itself"
     assert math.hypot(found.x_m - truly.x_m, found.y_m - truly.y_m) < 0.15
+    assert homing.unsure_m < 0.15
