@@ -25,6 +25,7 @@ from companion.ground.shown_vehicle import ShownVehicle
 from companion.ground.station import Station, VehicleView
 from companion.ground.view_controls import Box, ViewControls, look
 from companion.ground.visitor import TABS_ORDER, Tabs, Visitor
+from companion.model import FloatArray
 from companion.viewer.drawing import FINEST, HeightRange, levels_of
 from companion.viewer.page import OBLIQUE, WAY_COLOURS, aim
 from companion.viewer.serving import serving
@@ -79,6 +80,7 @@ class GroundPage:
         self._levels = FINEST
         self._shown: dict[str, ShownVehicle] = {}
         self._visitors: dict[int, Visitor] = {}
+        self._aimed_at_m: Box | None = None
         self._next_map_s = -math.inf
         self._turns = 0
         self._drawing = threading.Lock()
@@ -141,7 +143,7 @@ class GroundPage:
                 self._next_map_s = self._now_s() + MAP_PERIOD_S
                 for vehicle in vehicles:
                     self._shown[vehicle.name].take_map(vehicle, self._heights)
-                aim(self.server, *self._whole())
+                self._aim(*self._whole())
             self._draw_maps()
         self._turns += 1
 
@@ -215,6 +217,12 @@ class GroundPage:
         if visitor.settled_s <= self._now_s():
             visitor.settled_s = math.inf
             look(visitor.client, *self._whole(), OBLIQUE)
+
+    def _aim(self, low_m: FloatArray, high_m: FloatArray) -> None:
+        """Let those who come begin with the whole map; those who are here are told of it only when it has grown."""
+        if self._aimed_at_m is None or not np.array_equal(self._aimed_at_m, (low_m, high_m)):
+            self._aimed_at_m = low_m, high_m
+            aim(self.server, low_m, high_m)
 
     def _draw_maps(self) -> None:
         drawings = [shown.drawing for shown in self._shown.values() if shown.drawing is not None]

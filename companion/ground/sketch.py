@@ -54,7 +54,7 @@ class Sketch:
         scene.add_frame(f"{root}/{GRAPHS}", show_axes=False, visible=False)
         scene.add_frame(f"{root}/{LEFT}", show_axes=False)
         self._positions = 0
-        self._target: Place | None = None
+        self._aim: tuple[Place, Place] | None = None
         self._graph: tuple[tuple[str, int], ...] = ()
         self._frontiers: tuple[Place, ...] = ()
 
@@ -75,16 +75,21 @@ class Sketch:
         self._at.position = at_m
         self._at.wxyz = math.cos(half_rad), 0.0, 0.0, math.sin(half_rad)
         self._at.visible = True
-        if told.target_m is None:
-            if self._target is not None:
-                self._server.scene.remove_by_name(f"{self._root}/{TARGET}")
-        else:
-            line = np.array([[at_m, told.target_m]], np.float32)
-            self._server.scene.add_line_segments(
-                f"{self._root}/{TARGET}", line, _TARGET, thickness=2.0, thickness_units="screen"
-            )
-            self._server.scene.add_icosphere(f"{self._root}/{TARGET}/end", 0.22, color=_TARGET, position=told.target_m)
-        self._target = told.target_m
+        self._draw_aim(None if told.target_m is None else (at_m, told.target_m))
+
+    def _draw_aim(self, aim: tuple[Place, Place] | None) -> None:
+        """Draw a line from where it is to the point that it flies to."""
+        if aim == self._aim:
+            return
+        self._aim = aim
+        name = f"{self._root}/{TARGET}"
+        if aim is None:
+            self._server.scene.remove_by_name(name)
+            return
+        self._server.scene.add_line_segments(
+            name, np.array([aim], np.float32), _TARGET, thickness=2.0, thickness_units="screen"
+        )
+        self._server.scene.add_icosphere(f"{name}/end", 0.22, color=_TARGET, position=aim[1])
 
     def _draw_way(self, way_m: FloatArray) -> None:
         if len(way_m) < self._positions:
