@@ -17,6 +17,9 @@ STYLE = files("companion.ground").joinpath("page.css").read_text(encoding="utf-8
 _DOTS = {Weight.FINE: "fine", Weight.LOOK: "look", Weight.ACT: "act"}
 _NOT_KNOWN = "–"
 
+CHOOSE = '<div class="gp"><p class="gp-none">Choose the vehicle that figures and buttons shall be for.</p></div>'
+"""In place of a vehicle's card, where there are several and none has been chosen."""
+
 
 @dataclass(frozen=True, slots=True)
 class Row:

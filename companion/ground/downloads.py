@@ -18,24 +18,30 @@ from companion.mapping.voxels.piece import MapSource
 
 
 class Downloads:
-    """Buttons that make a file of the chosen vehicle's map, or one of all maps.
+    """Buttons of one visitor that make a file of the chosen vehicle's map, or one of all maps.
 
     Args:
-        server: viser's.
+        client: the visitor, as viser knows him.
+        is_here: whether he still has the page open: he may leave while a file is made.
         vehicles: all that are known.
-        chosen: the vehicle; None while there is none.
+        chosen: the vehicle that he has chosen; None while there is none.
+        one_at_a_time: held while a file is made, for whomever: each takes the memory of a whole map.
     """
 
     def __init__(
         self,
-        server: viser.ViserServer,
+        client: viser.ClientHandle,
+        is_here: Callable[[], bool],
         vehicles: Callable[[], Sequence[VehicleView]],
         chosen: Callable[[], VehicleView | None],
+        one_at_a_time: threading.Lock,
     ) -> None:
+        self._client = client
+        self._is_here = is_here
         self._vehicles = vehicles
         self._chosen = chosen
-        self._one_at_a_time = threading.Lock()
-        gui = server.gui
+        self._one_at_a_time = one_at_a_time
+        gui = client.gui
         self._format = gui.add_dropdown("format", tuple(FORMATS), hint="What they hold is in docs/map.md")
         gui.add_button("Download its map", color="blue").on_click(self._of_chosen)
         self._of_all = gui.add_button(
@@ -51,39 +57,37 @@ class Downloads:
         """Show the button for one map of all, or not."""
         self._of_all.visible = is_offered
 
-    def _of_chosen(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+    def _of_chosen(self, _: object) -> None:
         vehicle = self._chosen()
         if vehicle is None:
-            self._says.content = "No vehicle has been heard yet."
+            self._say("Choose a vehicle first." if self._vehicles() else "No vehicle has been heard yet.")
             return
-        self._send(event, file_name(vehicle), lambda format_, _: map_file(vehicle, format_))
+        self._send(file_name(vehicle), lambda format_, _: map_file(vehicle, format_))
 
-    def _of_everybody(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-        self._send(event, "all", lambda format_, notes: whole_file_of(self._vehicles(), format_, notes.append))
+    def _of_everybody(self, _: object) -> None:
+        self._send("all", lambda format_, notes: whole_file_of(self._vehicles(), format_, notes.append))
 
-    def _send(
-        self,
-        event: viser.GuiEvent[viser.GuiButtonHandle],
-        name: str,
-        made: Callable[[str, list[str]], bytes],
-    ) -> None:
-        if event.client is None:
-            return
+    def _send(self, name: str, made: Callable[[str, list[str]], bytes]) -> None:
         if not self._one_at_a_time.acquire(blocking=False):
-            self._says.content = "One file is being made already."
+            self._say("One file is being made already.")
             return
         try:
             format_ = str(self._format.value)
             file, notes = f"{name}.{format_}", list[str]()
-            self._says.content = f"Making {_plain(file)} …"
+            self._say(f"Making {_plain(file)} …")
             content = made(format_, notes)
-            event.client.send_file_download(file, content, save_immediately=True)
+            if self._is_here():
+                self._client.send_file_download(file, content, save_immediately=True)
             without = f"; not in it: {_plain('; '.join(notes))}" if notes else ""
-            self._says.content = f"{_plain(file)}: {len(content):,} bytes{without}"
+            self._say(f"{_plain(file)}: {len(content):,} bytes{without}")
         except (CompanionError, OSError) as error:
-            self._says.content = f"**Not made:** {_plain(str(error))}"
+            self._say(f"**Not made:** {_plain(str(error))}")
         finally:
             self._one_at_a_time.release()
+
+    def _say(self, text: str) -> None:
+        if self._is_here():
+            self._says.content = text
 
 
 def map_file(vehicle: VehicleView, format_: str) -> bytes:

@@ -17,18 +17,18 @@ Seen = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64] 
 
 
 class Measuring:
-    """Two clicks on the map and the line between them.
+    """Two clicks of one visitor on the map and the line between them, which he alone sees.
 
     Args:
-        server: viser's.
+        client: the visitor, as viser knows him.
         seen: what a click hits.
     """
 
-    def __init__(self, server: viser.ViserServer, seen: Seen) -> None:
-        self._server = server
+    def __init__(self, client: viser.ClientHandle, seen: Seen) -> None:
+        self._scene = client.scene
         self._seen = seen
         self._points: list[NDArray[np.float64]] = []
-        gui = server.gui
+        gui = client.gui
         self._box = gui.add_checkbox("measure", initial_value=False, hint="Click two points of the map")
         self._says = gui.add_markdown("")
         self._box.on_update(self._switched)
@@ -41,17 +41,17 @@ class Measuring:
             return
         if len(self._points) == 2:
             self._points = []
-            self._server.scene.remove_by_name(_ROOT)
+            self._scene.remove_by_name(_ROOT)
         self._points.append(point)
-        self._server.scene.add_icosphere(f"{_ROOT}/{len(self._points)}", 0.15, color=_COLOUR, position=tuple(point))
+        self._scene.add_icosphere(f"{_ROOT}/{len(self._points)}", 0.15, color=_COLOUR, position=tuple(point))
         if len(self._points) == 1:
             self._says.content = f"From {_place(point)}: click the other point."
             return
         line = np.array([self._points], np.float32)
-        self._server.scene.add_line_segments(f"{_ROOT}/line", line, _COLOUR, thickness=4.0, thickness_units="screen")
+        self._scene.add_line_segments(f"{_ROOT}/line", line, _COLOUR, thickness=4.0, thickness_units="screen")
         apart = self._points[1] - self._points[0]
         text = f"{float(np.linalg.norm(apart)):.2f} m"
-        self._server.scene.add_label(
+        self._scene.add_label(
             f"{_ROOT}/text", text, position=tuple(self._points[0] + apart / 2.0), anchor="bottom-center"
         )
         across_m = math.hypot(float(apart[0]), float(apart[1]))
@@ -61,7 +61,7 @@ class Measuring:
         )
 
     def _switched(self, _: object) -> None:
-        scene = self._server.scene
+        scene = self._scene
         scene.remove_click_callback()
         if self._box.value:
             self._says.content = "Click two points of the map."

@@ -1,28 +1,31 @@
 """The operator's page: the map as it grows, the vehicles in it, how they are, and what they are asked.
 
-One thread draws, a turn after another; what is pressed is done at once by the thread that hears of it.
+One thread draws, a turn after another; what is pressed is done at once by the thread that hears of it. What is large is
+the server's, and sent once; what depends on the chosen vehicle is each visitor's own.
 """
 
 from __future__ import annotations
 
+import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 import viser
 from numpy.typing import NDArray
 
 from companion.ground.access import Access
-from companion.ground.cards import STYLE, Row, fleet_card, vehicle_card
+from companion.ground.cards import STYLE
 from companion.ground.commanding import Commanding
-from companion.ground.downloads import Downloads
-from companion.ground.measuring import Measuring
 from companion.ground.shown_vehicle import ShownVehicle
 from companion.ground.station import Station, VehicleView
 from companion.ground.view_controls import Box, ViewControls, look
+from companion.ground.visitor import TABS_ORDER, Tabs, Visitor
+from companion.model import FloatArray
 from companion.viewer.drawing import FINEST, HeightRange, levels_of
 from companion.viewer.page import OBLIQUE, WAY_COLOURS, aim
 from companion.viewer.serving import serving
@@ -40,10 +43,13 @@ _DRAWING_S = 0.1
 _PANEL_PX = 350
 
 _SETTLING_S = 0.7
+"""The panel takes its place after the first picture, and the picture has less room from then on."""
 
 _START_M: Box = (np.array([-15.0, -15.0, 0.0]), np.array([15.0, 15.0, 3.0]))
 _NEAR_M = np.array([8.0, 8.0, 2.0])
 """What is seen of the surroundings of a vehicle."""
+
+_log = logging.getLogger(__name__)
 
 
 class GroundPage:
@@ -67,20 +73,22 @@ class GroundPage:
     ) -> None:
         self.server = server
         self._station = station
+        self._access = access
         self._most_points = most_points
         self._now_s = now_s
         self._heights = HeightRange()
         self._levels = FINEST
         self._shown: dict[str, ShownVehicle] = {}
-        self._chosen = ""
+        self._visitors: dict[int, Visitor] = {}
+        self._aimed_at_m: Box | None = None
         self._next_map_s = -math.inf
         self._turns = 0
         self._drawing = threading.Lock()
-        self.commanding = Commanding(server, access, station.vehicles, self.chosen)
-        self._lay_out()
+        self._one_file_at_a_time = threading.Lock()
+        self.commanding = Commanding(server, station.vehicles)
+        self._tabs = self._lay_out()
         server.on_client_connect(self._welcome)
-        server.on_client_disconnect(access.forget)
-        server.on_client_disconnect(self.commanding.forget)
+        server.on_client_disconnect(self._take_leave)
 
     @property
     def port(self) -> int:
@@ -109,15 +117,10 @@ class GroundPage:
         drawings = (shown.drawing for shown in self._shown.values())
         return sum(drawing.map.memory_bytes for drawing in drawings if drawing is not None)
 
-    def chosen(self) -> VehicleView | None:
-        """The vehicle that figures and buttons are for."""
-        return next((one for one in self._station.vehicles() if one.name == self._chosen), None)
-
-    def choose(self, name: str, client_id: int | None) -> None:
-        """Make figures and buttons those of this vehicle, as a visitor wants it."""
-        self._chosen = name
-        if client_id is not None:
-            self.commanding.mean(client_id, name)
+    @property
+    def visitors(self) -> Sequence[Visitor]:
+        """Those who have the page open."""
+        return list(self._visitors.values())
 
     def run(self, stop: Callable[[], bool] = lambda: False) -> None:
         """Keep the page up to date until ``stop`` or Ctrl-C."""
@@ -130,8 +133,8 @@ class GroundPage:
         """One look at everything."""
         vehicles = list(self._station.vehicles())
         self._meet(vehicles)
-        self._write(vehicles)
         self.commanding.refresh()
+        self._tell_visitors(vehicles)
         with self._drawing:
             for vehicle in vehicles:
                 self._shown[vehicle.name].lie(vehicle.telemetry)
@@ -140,36 +143,44 @@ class GroundPage:
                 self._next_map_s = self._now_s() + MAP_PERIOD_S
                 for vehicle in vehicles:
                     self._shown[vehicle.name].take_map(vehicle, self._heights)
-                aim(self.server, *self._whole())
+                self._aim(*self._whole())
             self._draw_maps()
         self._turns += 1
 
-    def _welcome(self, client: viser.ClientHandle) -> None:
-        """Show the whole map to one who has opened the page; in a thread of viser's."""
-        # The panel takes its place after the first picture, and the picture has less room from then on.
-        time.sleep(_SETTLING_S)
-        look(client, *self._whole(), OBLIQUE)
+    # Coroutines: viser's event loop welcomes visitors and takes leave of them one after another, so that nothing stays
+    # behind of one who has gone while he was welcomed.
 
-    def _lay_out(self) -> None:
+    async def _welcome(self, client: viser.ClientHandle) -> None:
+        """Give one who has opened the page what is his."""
+
+        def seen(origin_m: NDArray[np.float64], towards: NDArray[np.float64]) -> NDArray[np.float64] | None:
+            return self._seen(visitor, origin_m, towards)
+
+        visitor = Visitor(
+            client, self._tabs, self._station, self._access, self.commanding, seen, self._one_file_at_a_time
+        )
+        visitor.settled_s = self._now_s() + _SETTLING_S
+        self._visitors[client.client_id] = visitor
+
+    async def _take_leave(self, client: viser.ClientHandle) -> None:
+        visitor = self._visitors.pop(client.client_id, None)
+        if visitor is not None:
+            visitor.leave()
+        self._access.forget(client)
+
+    def _lay_out(self) -> Tabs:
+        """Put on the page what all share."""
         gui = self.server.gui
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_PANEL_PX)
         gui.add_html(f"<style>{STYLE}</style>")
         self.commanding.add_stop()
-        self._fleet = gui.add_html("")
-        tabs = gui.add_tab_group()
-        with tabs.add_tab("Vehicle", viser.Icon.DRONE):
-            gui.add_html('<div class="gp-chooser"></div>')
-            self._chooser = gui.add_button_group("show", ("",), visible=False)
-            self._card = gui.add_html("")
-            self.commanding.add_buttons()
-        with tabs.add_tab("View", viser.Icon.EYE):
+        tabs = gui.add_tab_group(order=TABS_ORDER)
+        vehicle = tabs.add_tab("Vehicle", viser.Icon.DRONE)
+        view = tabs.add_tab("View", viser.Icon.EYE)
+        with view:
             self.view = ViewControls(self.server, self._whole, self._around_chosen)
-        with tabs.add_tab("Map", viser.Icon.RULER_MEASURE):
-            self.measuring = Measuring(self.server, self._seen)
-            self._downloads = Downloads(self.server, self._station.vehicles, self.chosen)
-            self._facts = gui.add_markdown("")
-        self._chooser.on_click(lambda event: self.choose(str(event.target.value), event.client_id))
+        return Tabs(vehicle, view, tabs.add_tab("Map", viser.Icon.RULER_MEASURE))
 
     def _meet(self, vehicles: list[VehicleView]) -> None:
         """Take vehicles that are new onto the page."""
@@ -178,28 +189,40 @@ class GroundPage:
             colour = WAY_COLOURS[len(self._shown) % len(WAY_COLOURS)]
             shown = self._shown[vehicle.name] = ShownVehicle(self.server, len(self._shown), vehicle.name, colour)
             shown.sketch.body.on_click(self._choosing(vehicle.name))
-            self.view.add_vehicle(vehicle.name)
-        if not self._chosen and vehicles:
-            self._chosen = vehicles[0].name
-        if new:
-            self._chooser.options = tuple(vehicle.name for vehicle in vehicles)
-            self._chooser.visible = len(vehicles) > 1
-            self._downloads.offer_all(len(vehicles) > 1)
 
-    def _choosing(self, name: str) -> Callable[[viser.SceneNodePointerEvent[viser.MeshHandle]], None]:
-        return lambda event: self.choose(name, event.client_id)
+    def _choosing(
+        self, name: str
+    ) -> Callable[[viser.SceneNodePointerEvent[viser.MeshHandle]], Coroutine[Any, Any, None]]:
+        async def choosing(event: viser.SceneNodePointerEvent[viser.MeshHandle]) -> None:
+            visitor = self._visitors.get(event.client_id)
+            if visitor is not None:
+                visitor.choose(name)
 
-    def _write(self, vehicles: list[VehicleView]) -> None:
-        # Once a second the card is another one, though nothing has changed: it knows by that that it is not old.
+        return choosing
+
+    def _tell_visitors(self, vehicles: list[VehicleView]) -> None:
+        # Once a second the list is another one, though nothing has changed: it knows by that that it is not old.
         tick = self._turns // round(1.0 / PERIOD_S)
-        rows = [Row(one, self._shown[one.name].css_colour, one.name == self._chosen) for one in vehicles]
-        contents = [(self._fleet, fleet_card(rows, tick))]
-        chosen = self.chosen()
-        if chosen is not None:
-            contents.append((self._card, vehicle_card(chosen)))
-        for handle, content in contents:
-            if handle.content != content:
-                handle.content = content
+        for visitor in self.visitors:
+            try:
+                visitor.refresh(vehicles, self._shown, tick)
+                self._show_whole_map(visitor)
+            except Exception:  # noqa: BLE001 - whatever it is, the others and the maps go on; his page says that it is old
+                # Of one who has just gone viser takes nothing more, and says so.
+                if visitor.client.client_id in self.server.get_clients():
+                    _log.exception("the page of visitor %d was not brought up to date", visitor.client.client_id)
+
+    def _show_whole_map(self, visitor: Visitor) -> None:
+        """Let one who has come look at it, once."""
+        if visitor.settled_s <= self._now_s():
+            visitor.settled_s = math.inf
+            look(visitor.client, *self._whole(), OBLIQUE)
+
+    def _aim(self, low_m: FloatArray, high_m: FloatArray) -> None:
+        """Let those who come begin with the whole map; those who are here are told of it only when it has grown."""
+        if self._aimed_at_m is None or not np.array_equal(self._aimed_at_m, (low_m, high_m)):
+            self._aimed_at_m = low_m, high_m
+            aim(self.server, low_m, high_m)
 
     def _draw_maps(self) -> None:
         drawings = [shown.drawing for shown in self._shown.values() if shown.drawing is not None]
@@ -207,8 +230,6 @@ class GroundPage:
         style = self.view.style(self._most_points)
         self._levels = levels_of([drawing.map for drawing in drawings], self._most_points, self._levels)
         end_s = time.perf_counter() + _DRAWING_S
-        for shown in self._shown.values():
-            shown.show(self.view, self.view.is_shown(shown.name))
         outgrown = False
         for drawing in drawings:
             drawing.restyle(style, self._levels)
@@ -219,25 +240,28 @@ class GroundPage:
 
     def _whole(self) -> Box:
         """Around all maps; around where a vehicle begins while there is none."""
-        boxes = [box for shown in self._shown.values() if (box := shown.bounds_m()) is not None]
+        boxes = [box for shown in list(self._shown.values()) if (box := shown.bounds_m()) is not None]
         lows, highs = zip(*boxes, strict=True) if boxes else ((_START_M[0],), (_START_M[1],))
         return np.min(lows, axis=0), np.max(highs, axis=0)
 
-    def _around_chosen(self) -> Box | None:
-        vehicle = self.chosen()
+    def _around_chosen(self, client: viser.ClientHandle) -> Box | None:
+        visitor = self._visitors.get(client.client_id)
+        vehicle = None if visitor is None else visitor.chosen()
         told = None if vehicle is None else vehicle.telemetry
         if vehicle is None or told is None or told.x_m is None or told.y_m is None or told.z_m is None:
             return None
         at_m = self._shown[vehicle.name].shared_m(told.x_m, told.y_m, told.z_m)
         return at_m - _NEAR_M, at_m + _NEAR_M
 
-    def _seen(self, origin_m: NDArray[np.float64], towards: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """What a click hits: of vehicles that are not hidden, the nearest point of a map."""
+    def _seen(
+        self, visitor: Visitor, origin_m: NDArray[np.float64], towards: NDArray[np.float64]
+    ) -> NDArray[np.float64] | None:
+        """What a visitor's click hits: of vehicles that he has not hidden, the nearest point of a map."""
         with self._drawing:
             found = [
                 point
                 for shown in self._shown.values()
-                if self.view.is_shown(shown.name) and (point := shown.seen_from(origin_m, towards)) is not None
+                if not visitor.view.hides(shown.name) and (point := shown.seen_from(origin_m, towards)) is not None
             ]
         return min(found, key=lambda point: float(np.linalg.norm(point - origin_m)), default=None)
 

@@ -10,12 +10,16 @@ import viser
 from numpy.typing import NDArray
 
 from companion.control.sharing import Frame
-from companion.ground.sketch import Sketch
+from companion.ground.sketch import AT, GRAPHS, LEFT, TARGET, WAYS, Sketch
 from companion.ground.station import VehicleView
-from companion.ground.view_controls import Box, ViewControls
+from companion.ground.view_controls import Box
 from companion.link.words import Telemetry
 from companion.viewer.drawing import HeightRange, MapDrawing, Rgb
 from companion.viewer.tiles import packed_snapshot
+
+_MAP = "map"
+PARTS = _MAP, AT, WAYS, GRAPHS, LEFT, TARGET
+"""Names of the nodes of all that is drawn of a vehicle, below its own node; none of them is below another."""
 
 
 class ShownVehicle:
@@ -33,10 +37,10 @@ class ShownVehicle:
         self.css_colour = f"rgb({colour[0]},{colour[1]},{colour[2]})"
         self.drawing: MapDrawing | None = None
         self._server = server
-        self._root = f"/vehicles/{number}"
-        self._frame = server.scene.add_frame(self._root, show_axes=False)
-        self._maps = server.scene.add_frame(f"{self._root}/map", show_axes=False)
-        self.sketch = Sketch(server, self._root, name, colour)
+        self.root = f"/vehicles/{number}"
+        self._frame = server.scene.add_frame(self.root, show_axes=False)
+        server.scene.add_frame(f"{self.root}/{_MAP}", show_axes=False)
+        self.sketch = Sketch(server, self.root, name, colour)
         self._lies = Frame()
         self._revision = 0
         self._map_number = -1
@@ -56,7 +60,7 @@ class ShownVehicle:
         if not len(snapshot.chunks):
             return
         if self.drawing is None:
-            self.drawing = MapDrawing(self._server, f"{self._root}/map", snapshot.voxel_m, heights)
+            self.drawing = MapDrawing(self._server, f"{self.root}/{_MAP}", snapshot.voxel_m, heights)
         self.drawing.put(packed_snapshot(snapshot))
 
     def lie(self, told: Telemetry | None) -> None:
@@ -87,9 +91,3 @@ class ShownVehicle:
         along = np.array(self._lies.own(*(origin_m + towards))) - own_m
         point = self.drawing.seen_from(own_m, along)
         return None if point is None else self.shared_m(*point)
-
-    def show(self, view: ViewControls, visible: bool) -> None:
-        """Show or hide it, and what of it is wanted."""
-        if self._frame.visible != visible:
-            self._frame.visible = visible
-        self.sketch.show(way=view.way, graph=view.graph, left=view.left)

@@ -23,6 +23,9 @@ _ARROW_M = np.array(
     [[1.6, 0, 0], [-0.9, 1.0, 0], [-0.5, 0, 0.25], [-0.9, -1.0, 0], [-0.5, 0, -0.25]], np.float32
 ) * np.float32(_SIZE_M)
 _FACES = np.array([[0, 1, 2], [0, 2, 3], [0, 4, 1], [0, 3, 4], [1, 4, 2], [2, 4, 3]], np.uint32)
+AT, WAYS, GRAPHS, LEFT, TARGET = "at", "ways", "graphs", "left", "target"
+"""Names of the nodes of its parts: one who looks may want to see some of them and not others."""
+
 _FRONTIER: Rgb = (255, 60, 60)
 _TARGET: Rgb = (240, 20, 140)
 
@@ -42,22 +45,18 @@ class Sketch:
         self._root = root
         self._colour = colour
         scene = server.scene
-        self._at = scene.add_frame(f"{root}/at", show_axes=False, visible=False)
-        self.body = scene.add_mesh_simple(f"{root}/at/body", _ARROW_M, _FACES, color=colour, side="double")
+        self._at = scene.add_frame(f"{root}/{AT}", show_axes=False, visible=False)
+        self.body = scene.add_mesh_simple(f"{root}/{AT}/body", _ARROW_M, _FACES, color=colour, side="double")
         scene.add_label(
-            f"{root}/at/name", name, position=(0.0, 0.0, 0.9), anchor="bottom-center", font_screen_scale=1.1
+            f"{root}/{AT}/name", name, position=(0.0, 0.0, 0.9), anchor="bottom-center", font_screen_scale=1.1
         )
-        self._ways = scene.add_frame(f"{root}/ways", show_axes=False)
-        self._graphs = scene.add_frame(f"{root}/graphs", show_axes=False)
-        self._left = scene.add_frame(f"{root}/left", show_axes=False)
+        scene.add_frame(f"{root}/{WAYS}", show_axes=False)
+        scene.add_frame(f"{root}/{GRAPHS}", show_axes=False, visible=False)
+        scene.add_frame(f"{root}/{LEFT}", show_axes=False)
         self._positions = 0
-        self._target: Place | None = None
+        self._aim: tuple[Place, Place] | None = None
         self._graph: tuple[tuple[str, int], ...] = ()
         self._frontiers: tuple[Place, ...] = ()
-
-    def show(self, *, way: bool, graph: bool, left: bool) -> None:
-        """Show or hide the way, the graph and what is left to explore."""
-        self._ways.visible, self._graphs.visible, self._left.visible = way, graph, left
 
     def look(self, vehicle: VehicleView) -> None:
         """Draw what has changed."""
@@ -76,28 +75,33 @@ class Sketch:
         self._at.position = at_m
         self._at.wxyz = math.cos(half_rad), 0.0, 0.0, math.sin(half_rad)
         self._at.visible = True
-        if told.target_m is None:
-            if self._target is not None:
-                self._server.scene.remove_by_name(f"{self._root}/target")
-        else:
-            line = np.array([[at_m, told.target_m]], np.float32)
-            self._server.scene.add_line_segments(
-                f"{self._root}/target", line, _TARGET, thickness=2.0, thickness_units="screen"
-            )
-            self._server.scene.add_icosphere(f"{self._root}/target/end", 0.22, color=_TARGET, position=told.target_m)
-        self._target = told.target_m
+        self._draw_aim(None if told.target_m is None else (at_m, told.target_m))
+
+    def _draw_aim(self, aim: tuple[Place, Place] | None) -> None:
+        """Draw a line from where it is to the point that it flies to."""
+        if aim == self._aim:
+            return
+        self._aim = aim
+        name = f"{self._root}/{TARGET}"
+        if aim is None:
+            self._server.scene.remove_by_name(name)
+            return
+        self._server.scene.add_line_segments(
+            name, np.array([aim], np.float32), _TARGET, thickness=2.0, thickness_units="screen"
+        )
+        self._server.scene.add_icosphere(f"{name}/end", 0.22, color=_TARGET, position=aim[1])
 
     def _draw_way(self, way_m: FloatArray) -> None:
         if len(way_m) < self._positions:
             for block in range(self._positions // _BLOCK + 1):
-                self._server.scene.remove_by_name(f"{self._root}/ways/{block}")
+                self._server.scene.remove_by_name(f"{self._root}/{WAYS}/{block}")
             self._positions = 0
         if len(way_m) == self._positions:
             return
         for block in range(max(self._positions - 1, 0) // _BLOCK, (len(way_m) - 1) // _BLOCK + 1):
             # A block begins where the one before it ends.
             part_m = way_m[max(block * _BLOCK - 1, 0) : (block + 1) * _BLOCK]
-            draw_way(self._server, f"{self._root}/ways/{block}", part_m, self._colour)
+            draw_way(self._server, f"{self._root}/{WAYS}/{block}", part_m, self._colour)
         self._positions = len(way_m)
 
     def _draw_graph(self, graph: Sequence[GraphLines]) -> None:
@@ -105,8 +109,8 @@ class Sketch:
         if known == self._graph:
             return
         for label in {label for label, _ in self._graph} - {label for label, _ in known}:
-            self._server.scene.remove_by_name(f"{self._root}/graphs/{label}")
-        draw_graph(self._server, f"{self._root}/graphs", graph)
+            self._server.scene.remove_by_name(f"{self._root}/{GRAPHS}/{label}")
+        draw_graph(self._server, f"{self._root}/{GRAPHS}", graph)
         self._graph = known
 
     def _draw_frontiers(self, places: tuple[Place, ...]) -> None:
@@ -114,7 +118,7 @@ class Sketch:
             return
         if places:
             self._server.scene.add_point_cloud(
-                f"{self._root}/left/places",
+                f"{self._root}/{LEFT}/places",
                 np.array(places, np.float32),
                 _FRONTIER,
                 point_size=0.5,
@@ -122,5 +126,5 @@ class Sketch:
                 precision="float32",
             )
         else:
-            self._server.scene.remove_by_name(f"{self._root}/left/places")
+            self._server.scene.remove_by_name(f"{self._root}/{LEFT}/places")
         self._frontiers = places

@@ -1,4 +1,7 @@
-"""What the operator wants to see. All who have the page open see the same, each from a place of their own."""
+"""What is cut away from the maps, for all who have the page open, and from where each of them looks.
+
+A cut makes other tiles, which are sent: one for each visitor would be the map once more for each.
+"""
 
 from __future__ import annotations
 
@@ -18,32 +21,32 @@ _EMPTY_M = -1.0, 5.0
 
 _STEP_M = 0.1
 
-_LEGEND = (
-    '<div class="gp gp-legend"><i style="background:#f0148c"></i>the point it flies to now'
-    '<i style="background:#ff3c3c"></i>left to explore<br>'
-    "Dark is low, bright is high. Everybody who has this page open sees the same.</div>"
-)
+_FOR_ALL = '<div class="gp gp-legend">These three are the same for everybody who has this page open.</div>'
 
 Box = tuple[FloatArray, FloatArray]
 """Two (3,) corners, lowest and highest, in m."""
 
 
 class ViewControls:
-    """The controls of the view.
+    """The controls of the view that all share.
 
     Args:
         server: viser's.
         whole: a box around everything.
-        chosen: a box around the chosen vehicle; None where it is not known where that is.
+        chosen: a box around the vehicle that a visitor has chosen; None where it is not known where that is.
     """
 
-    def __init__(self, server: viser.ViserServer, whole: Callable[[], Box], chosen: Callable[[], Box | None]) -> None:
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        whole: Callable[[], Box],
+        chosen: Callable[[viser.ClientHandle], Box | None],
+    ) -> None:
         self._server = server
-        self._vehicles: dict[str, viser.GuiCheckboxHandle] = {}
         gui = server.gui
         gui.add_html('<div class="gp-commands"></div>')
-        self._eye("Whole map", whole, OBLIQUE)
-        self._eye("From above", whole, STEEP)
+        self._eye("Whole map", lambda _: whole(), OBLIQUE)
+        self._eye("From above", lambda _: whole(), STEEP)
         self._eye("At vehicle", chosen, OBLIQUE)
         gui.add_html('<div class="gp-done"></div>')
         self._roof = gui.add_checkbox("roof", initial_value=False, hint="Show what hides the ground from above")
@@ -56,53 +59,19 @@ class ViewControls:
             hint="Hide what is below the first and above the second",
         )
         self._free = gui.add_checkbox("free space", initial_value=False, hint="Show what was seen to be free")
-        self._way = gui.add_checkbox("ways flown", initial_value=True)
-        self._graph = gui.add_checkbox("navigation graph", initial_value=False)
-        self._left = gui.add_checkbox(
-            "left to explore", initial_value=True, hint="Places that were seen and not reached"
-        )
-        dark = gui.add_checkbox("dark", initial_value=False, hint="For eyes that are used to the dark")
-        gui.add_html(_LEGEND)
-        self._folder = gui.add_folder("vehicles", visible=False)
+        gui.add_html(_FOR_ALL)
 
-        @dark.on_update
-        def _(_: object) -> None:
-            gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=dark.value)
-
-    def _eye(self, label: str, box: Callable[[], Box | None], towards: FloatArray) -> None:
+    def _eye(self, label: str, box: Callable[[viser.ClientHandle], Box | None], towards: FloatArray) -> None:
         """A button that moves the eye of whoever presses it."""
         button = self._server.gui.add_button(label, color="gray")
 
         @button.on_click
         def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-            around = box()
-            if around is not None and event.client is not None:
+            if event.client is None:
+                return
+            around = box(event.client)
+            if around is not None:
                 look(event.client, *around, towards)
-
-    @property
-    def way(self) -> bool:
-        """Whether ways are shown."""
-        return self._way.value
-
-    @property
-    def graph(self) -> bool:
-        """Whether navigation graphs are shown."""
-        return self._graph.value
-
-    @property
-    def left(self) -> bool:
-        """Whether what is left to explore is shown."""
-        return self._left.value
-
-    def add_vehicle(self, name: str) -> None:
-        """Let a vehicle be hidden."""
-        with self._folder:
-            self._vehicles[name] = self._server.gui.add_checkbox(name, initial_value=True)
-        self._folder.visible = True
-
-    def is_shown(self, name: str) -> bool:
-        """Whether a vehicle is."""
-        return self._vehicles[name].value
 
     def style(self, most_points: int) -> Style:
         """How maps are to be drawn."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from tests.shared.chromium import EXECUTABLE, Browser, browser
 pytest.importorskip("viser", reason="pip install mine-companion[ground]")
 
 from companion.ground.page import GroundPage, serve
+from companion.ground.visitor import Visitor
 from companion.link.words import Answer, Command
 from tests.ground.fakes import FakeStation, FakeVehicle, telling
 
@@ -62,8 +64,35 @@ def window(served: Served, tmp_path_factory: pytest.TempPathFactory) -> Iterator
         opened.ask("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(folder / "downloads"))
         opened.size(*DESKTOP)
         opened.open(f"http://127.0.0.1:{served.page.port}")
+        choose(opened, "Kobold")
         opened.wait_for_text("R2 along a tangent")
         yield opened
+
+
+@pytest.fixture(scope="module")
+def tablet(served: Served, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    """The page, opened by somebody else."""
+    with browser(tmp_path_factory.mktemp("tablet") / "profile") as opened:
+        opened.size(*TABLET, touch=True)
+        opened.open(f"http://127.0.0.1:{served.page.port}")
+        opened.wait_for_text("Choose the vehicle")
+        yield opened
+
+
+def choose(window: Browser, name: str) -> None:
+    """Choose a vehicle, and wait until it is."""
+    window.click(name)
+    window.wait_for(f"document.querySelector('.gp-chosen')?.innerText.includes('{name}')")
+
+
+def is_chosen(window: Browser, name: str) -> bool:
+    """Click a vehicle; whether it is chosen some pictures later."""
+    window.click(name)
+    window.value(
+        "new Promise((done) => { let left = 5;"
+        " const next = () => left-- ? requestAnimationFrame(next) : done(); next(); })"
+    )
+    return bool(window.value(f"document.querySelector('.gp-chosen')?.innerText.includes('{name}')"))
 
 
 @pytest.fixture(autouse=True)
@@ -121,12 +150,71 @@ def test_stop_is_large_and_on_top_and_stops_every_vehicle(
     window.size(*DESKTOP)
 
 
+def test_two_visitors_have_a_vehicle_each(window: Browser, tablet: Browser, served: Served) -> None:
+    """Protects the vehicle of the one from the press of the other: on two screens, with a question open on the one."""
+    kobold, nix = served.station.known
+    choose(tablet, "Nix")
+    tablet.click("Start")
+    tablet.wait_for_text("STOP needs none")
+    assert "Kobold" in window.value("document.querySelector('.gp-chosen').innerText")
+    assert "STOP needs none" not in window.text
+    window.click("Stop this one")
+    window.wait_for_text("STOP, Kobold: done")
+    assert (kobold.asked, nix.asked) == ([Command.STOP], [])
+    tablet.click("Only watch")
+    tablet.wait_for("!document.body.innerText.includes('STOP needs none')")
+    tablet.click("Stop this one")
+    window.wait_for_text("STOP, Nix: done")
+    assert (kobold.asked, nix.asked) == ([Command.STOP], [Command.STOP])
+    assert window.complaints + tablet.complaints == []
+
+
+@pytest.mark.long
+def test_what_one_hides_the_other_sees(window: Browser, tablet: Browser, served: Served) -> None:
+    """Protects who looks at the other vehicle: what is hidden is so on one screen, and comes back as it was."""
+    his, hers = served.page.visitors
+
+    def drawn(visitor: Visitor) -> int:
+        """Pixels with anything of the scene in them."""
+        picture = visitor.client.get_render(150, 200, transport_format="png", timeout=60.0)
+        return int((picture[..., 3] > 0).sum())
+
+    assert soon(lambda: drawn(hers) > 500)
+    before = drawn(his), drawn(hers)
+    tablet.click("View")
+    for name in ("Kobold", "Nix"):
+        tablet.click(name)
+    assert soon(lambda: drawn(hers) < 0.05 * before[1])
+    assert drawn(his) > 0.9 * before[0]
+    for name in ("Kobold", "Nix"):
+        tablet.click(name)
+    assert soon(lambda: drawn(hers) > 0.9 * before[1])
+    tablet.click("Vehicle")
+    assert window.complaints + tablet.complaints == []
+
+
+@pytest.mark.long
+def test_who_comes_back_has_chosen_nothing(tablet: Browser, window: Browser, served: Served) -> None:
+    """Protects from a press that goes elsewhere after the network was away: and nothing stands there twice."""
+    choose(tablet, "Nix")
+    served.page.server._websock_server.disconnect_all_clients()
+    for opened in (tablet, window):
+        opened.wait_for_text("Choose the vehicle")
+        assert opened.value("document.querySelectorAll('.gp-chooser').length") == 1
+        assert opened.value("document.querySelectorAll('[data-tick]').length") == 1
+        assert opened.value("document.querySelector('.gp-chosen')") is None
+    assert soon(lambda: len(served.page.visitors) == 2)
+    for opened, name in ((window, "Kobold"), (tablet, "Nix")):
+        # The panel comes back elsewhere and goes to where it was: a person who has clicked beside it clicks again.
+        assert soon(partial(is_chosen, opened, name))
+    assert served.station.known[0].asked == served.station.known[1].asked == []
+
+
 @pytest.mark.long
 def test_a_command_needs_the_code_once_and_a_start_is_asked_back(window: Browser, served: Served) -> None:
     """Protects the vehicle from visitors, and people from a vehicle that takes off: code, second press, reason."""
     kobold, nix = served.station.known
-    window.click("Nix")
-    window.wait_for("document.querySelector('.gp-chosen').innerText.includes('Nix')")
+    choose(window, "Nix")
     window.click("Start")
     window.wait_for_text("STOP needs none")
     assert nix.asked == []
@@ -140,8 +228,7 @@ def test_a_command_needs_the_code_once_and_a_start_is_asked_back(window: Browser
     window.click("Start Nix")
     window.wait_for_text("Start, Nix: refused: the camera is silent: look at its cable")
     assert (kobold.asked, nix.asked) == ([], [Command.START])
-    window.click("Kobold")
-    window.wait_for("document.querySelector('.gp-chosen').innerText.includes('Kobold')")
+    choose(window, "Kobold")
     window.click("Home")
     window.wait_for_text("Home, Kobold: done")
     assert kobold.asked == [Command.HOME]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -16,7 +16,7 @@ pytest.importorskip("viser", reason="pip install mine-companion[ground]")
 
 from companion.config.mapping import MapSettings
 from companion.errors import CompanionError, InputError
-from companion.ground.commanding import offered
+from companion.ground.command_buttons import offered
 from companion.ground.downloads import file_name, map_file, whole_file_of
 from companion.ground.page import GroundPage, serve
 from companion.ground.whole_map import NoWholeMapError
@@ -26,6 +26,8 @@ from companion.mapping.files import FORMATS, open_map
 from companion.mapping.voxels.chunks import EDGE, OFFSETS
 from companion.mapping.voxels.piece import MapSource
 from tests.ground.fakes import FakeStation, FakeVehicle, telling
+from tests.ground.guests import guest
+from tests.shared.beside import wait_until
 
 
 @contextmanager
@@ -72,8 +74,10 @@ def test_each_vehicle_lies_where_it_is_in_the_shared_frame(vehicle: FakeVehicle)
         hit = shown.seen_from(np.array([9.2, 7.0, 1.2]), np.array([0.0, 0.0, -1.0]))
         assert hit is not None
         assert hit == pytest.approx([9.2, 7.0, 0.05], abs=0.12)
-        page.choose("Nix", None)
-        around = page._around_chosen()
+        with guest(page) as anna:
+            anna.choose("Nix")
+            wait_until(lambda: page.visitors[0].chosen() is other)
+            around = page._around_chosen(page.visitors[0].client)
         assert around is not None
         # At (3, 1) of its own map.
         assert (around[0] + around[1]) / 2.0 == pytest.approx([9.0, 8.0, 1.5])
@@ -130,35 +134,39 @@ def test_a_large_map_is_coarser_and_the_limit_is_for_all_vehicles_together(vehic
 
 
 def test_a_hidden_vehicle_is_hidden_and_not_clicked(vehicle: FakeVehicle) -> None:
-    """Protects measuring: nobody measures to a wall that is not to be seen."""
+    """Protects measuring: nobody measures to a wall that he does not see; another one sees it, and measures to it."""
     down, over = np.array([0.0, 0.0, -1.0]), np.array([2.0, 0.8, 50.0])
-    with turned(vehicle) as page:
-        hit = page._seen(over, down)
+    with turned(vehicle) as page, guest(page) as anna, guest(page):
+        hers, his = page.visitors
+        hit = page._seen(hers, over, down)
         assert hit is not None
         # The roof is off: the ground is hit.
         assert hit == pytest.approx([2.0, 0.8, 0.05], abs=0.08)
-        assert page._seen(np.array([2.0, 30.0, 50.0]), down) is None
-        page.view._vehicles["Kobold"].value = False  # type: ignore[misc]
-        page.turn()
-        assert page._seen(over, down) is None
+        assert page._seen(hers, np.array([2.0, 30.0, 50.0]), down) is None
+        anna.set("Kobold", False)
+        wait_until(lambda: hers.view.hides("Kobold"))
+        assert page._seen(hers, over, down) is None
+        assert page._seen(his, over, down) is not None
 
 
 def test_a_distance_is_measured_between_two_clicks(vehicle: FakeVehicle) -> None:
     """Protects the measure: from ground to ground along the tunnel, and a click beside the map says so."""
     down = np.array([0.0, 0.0, -1.0])
-    with turned(vehicle) as page:
-        page.measuring.click(np.array([0.25, 0.75, 50.0]), down)
-        page.measuring.click(np.array([0.25, 40.0, 50.0]), down)
-        assert "No map there" in page.measuring._says.content
-        page.measuring.click(np.array([4.25, 0.75, 50.0]), down)
-        assert page.measuring._says.content.startswith("**4.00 m**, 4.00 m across and 0.00 m up or down")
+    with turned(vehicle) as page, guest(page):
+        measuring = page.visitors[0].measuring
+        measuring.click(np.array([0.25, 0.75, 50.0]), down)
+        measuring.click(np.array([0.25, 40.0, 50.0]), down)
+        assert "No map there" in measuring._says.content
+        measuring.click(np.array([4.25, 0.75, 50.0]), down)
+        assert measuring._says.content.startswith("**4.00 m**, 4.00 m across and 0.00 m up or down")
 
 
 def test_a_stop_goes_to_every_vehicle_at_once() -> None:
     """Protects the stop: it asks nobody and waits for nobody, not even for the thread that draws."""
     vehicles = FakeVehicle("Kobold"), FakeVehicle("Nix")
-    with turned(*vehicles) as page, page._drawing:
-        page.commanding._stop._impl.update_cb[0](None)  # type: ignore[arg-type]
+    with turned(*vehicles) as page, guest(page) as anna, page._drawing:
+        anna.press("STOP ALL")
+        wait_until(lambda: bool(vehicles[-1].asked))
         assert [vehicle.asked for vehicle in vehicles] == [[Command.STOP], [Command.STOP]]
 
 
@@ -176,7 +184,7 @@ def test_each_answer_and_each_silence_reaches_the_page(vehicle: FakeVehicle, ans
     with turned(vehicle) as page:
         page.commanding.send(vehicle, Command.HOME)
         page.turn()
-        assert words in page.commanding._answers.content
+        assert words in page.commanding.answers
 
 
 def test_a_command_that_cannot_be_sent_is_no_silence(vehicle: FakeVehicle, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -189,7 +197,7 @@ def test_a_command_that_cannot_be_sent_is_no_silence(vehicle: FakeVehicle, monke
     with turned(vehicle) as page:
         page.commanding.send(vehicle, Command.STOP)
         page.turn()
-        assert "STOP, Kobold: could not be sent: no route. Use the transmitter." in page.commanding._answers.content
+        assert "STOP, Kobold: could not be sent: no route. Use the transmitter." in page.commanding.answers
 
 
 def test_what_makes_no_sense_cannot_be_pressed() -> None:
@@ -269,10 +277,10 @@ def _nothing_yet() -> MapSource:
 
 def test_one_map_of_all_is_offered_where_there_are_several(vehicle: FakeVehicle) -> None:
     """Protects the panel of who flies one vehicle from a button that says the same twice."""
-    with turned(vehicle) as page:
-        assert not page._downloads._of_all.visible
-    with turned(vehicle, FakeVehicle("Nix")) as page:
-        assert page._downloads._of_all.visible
+    with turned(vehicle) as page, guest(page) as anna:
+        assert not anna.can_press("Download one map of all")
+    with turned(vehicle, FakeVehicle("Nix")) as page, guest(page) as anna:
+        assert anna.can_press("Download one map of all")
 
 
 def test_a_file_is_named_after_vehicle_and_flight_and_never_elsewhere() -> None:
@@ -290,71 +298,3 @@ def test_a_port_that_is_taken_is_refused(vehicle: FakeVehicle) -> None:
         serve(FakeStation(), "Ground", "127.0.0.1", page.port, 1000),
     ):
         pass
-
-
-class Visitor:
-    """Somebody who has the page open, and what is asked back there."""
-
-    def __init__(self, client_id: int) -> None:
-        self.client_id = client_id
-        self.client = self
-        self.gui = self
-        self.texts: list[str] = []
-        self.buttons: dict[str, Visitor] = {}
-
-    def press(self, page: GroundPage, command: Command) -> None:
-        """Press a button of the panel."""
-        page.commanding._buttons[command]._impl.update_cb[0](self)  # type: ignore[arg-type]
-
-    def add_modal(self, title: str) -> Visitor:
-        self.texts.append(title)
-        return self
-
-    def add_markdown(self, text: str) -> None:
-        self.texts.append(text)
-
-    def add_button(self, label: str, **_: object) -> Visitor:
-        self.buttons[label] = Visitor(self.client_id)
-        return self.buttons[label]
-
-    def on_click(self, pressed: Callable[[object], None]) -> None:
-        self.pressed = pressed
-
-    def close(self) -> None:
-        self.texts.clear()
-
-    def __enter__(self) -> None: ...
-
-    def __exit__(self, *_: object) -> None: ...
-
-
-def test_nobodys_choice_is_the_target_of_another_ones_press() -> None:
-    """Protects the vehicle that somebody else has just chosen: a command goes where its own presser has chosen."""
-    kobold, nix = FakeVehicle("Kobold"), FakeVehicle("Nix")
-    anna, ben = Visitor(1), Visitor(2)
-    with turned(kobold, nix) as page:
-        page.choose("Kobold", anna.client_id)
-        anna.press(page, Command.PAUSE)
-        assert kobold.asked == [Command.PAUSE]
-        page.choose("Nix", ben.client_id)
-        anna.press(page, Command.HOME)
-        assert anna.texts[0] == "Home: Nix?"
-        assert "you have not chosen it" in anna.texts[1]
-        assert (kobold.asked, nix.asked) == ([Command.PAUSE], [])
-        ben.press(page, Command.PAUSE)
-        assert nix.asked == [Command.PAUSE]
-        anna.press(page, Command.STOP)
-        assert (kobold.asked[-1], nix.asked[-1]) == (Command.STOP, Command.STOP), "both: it asks nothing"
-        anna.buttons["Home Nix"].pressed(None)
-        anna.press(page, Command.PAUSE)
-        assert nix.asked == [Command.PAUSE, Command.STOP, Command.HOME, Command.PAUSE], "now it is chosen"
-        page.commanding.forget(ben)  # type: ignore[arg-type]
-        ben.press(page, Command.PAUSE)
-        assert "you have not chosen it" in ben.texts[1], "a page that is opened anew has chosen nothing"
-
-
-def test_a_single_vehicle_needs_no_choice(vehicle: FakeVehicle) -> None:
-    """Protects the usual flight from a question that has one answer."""
-    with turned(vehicle) as page:
-        Visitor(1).press(page, Command.HOME)
-        assert vehicle.asked == [Command.HOME]
