@@ -13,15 +13,20 @@ import zenoh
 
 from companion.link.authority import Authority
 from companion.link.certificates import REVOKED, Certificates
+from companion.link.ground.signing import Signer
 from companion.link.ground.station import LinkStation
+from companion.link.ground.vehicle import LinkedVehicle
 from companion.link.map_wire import BUCKETS, Told, answer, read_ask
 from companion.link.session import close_session, open_session
-from companion.link.wire import command_topic, encoded, map_topic
+from companion.link.wire import Report, command_topic, encoded, map_topic
 from companion.link.words import Answer, Command
 from sitl.launch.processes import free_tcp_port
 from tests.link.exchange import MAP, Mine
-from tests.link.rig import RiggedVehicle, answer_to, known, rigged, until
+from tests.link.rig import RiggedVehicle, answer_to, known, rigged, telemetry, until
 from tests.mapping.journal.journals import held
+
+AFTER_IT_S = 0.1
+"""The vehicle has answered by then."""
 
 YES = encoded(Answer(accepted=True))
 
@@ -48,7 +53,7 @@ def endpoint() -> str:
 
 
 class Impostor:
-    """Another vehicle of the fleet, which answers at once what the first one is asked, and says that it knows all.
+    """Another vehicle of the fleet, which answers before the first one and after it, and says that it knows all.
 
     Args:
         folder: of its certificates.
@@ -67,6 +72,8 @@ class Impostor:
     def _on_query(self, query: zenoh.Query) -> None:
         with query:
             self.asked.append(str(query.key_expr))
+            query.reply(query.key_expr, lie(query), express=True)
+            time.sleep(AFTER_IT_S)
             query.reply(query.key_expr, lie(query), express=True)
 
 
@@ -125,6 +132,32 @@ def test_nobody_answers_in_a_vehicles_place(
     ]
     assert len(told) == 1, "the first with its reason, and no more"
     assert "no sealed message" in told[0]
+
+
+class Deaf:
+    """Asks nobody, and keeps what was to be asked."""
+
+    def __init__(self) -> None:
+        self.questions: list[bytes] = []
+
+    def ask(self, _topic: str, question: bytes, _timeout_s: float, _priority: zenoh.Priority) -> None:
+        self.questions.append(question)
+
+
+def test_no_two_questions_are_alike(tmp_path: Path) -> None:
+    """Else what was answered to the first could be played back to the second."""
+    asker = Deaf()
+    vehicle = LinkedVehicle("drone1", tmp_path, asker, "a" * 16, Signer("anna", None))  # type: ignore[arg-type]
+    try:
+        for count in range(1, 5):
+            vehicle.greet()
+            until(lambda count=count: len(asker.questions) >= count)  # type: ignore[misc]
+        vehicle.heard(Report("b" * 16, 1.0, "", 0, telemetry()))
+        assert answer_to(vehicle, Command.STOP) is None
+    finally:
+        vehicle.close()
+    assert len(asker.questions) > 10
+    assert len(set(asker.questions)) == len(asker.questions)
 
 
 def test_a_command_that_only_a_forger_answers_has_no_answer(tmp_path: Path, mine: Mine, authority: Authority) -> None:
