@@ -16,7 +16,7 @@ from companion.config.link import LinkSettings
 from companion.link.authority import Authority
 from companion.link.certificates import Certificates
 from companion.link.ground.telemetry_guard import TelemetryGuard
-from companion.link.sealing import Seal
+from companion.link.sealing import Proofs, Seal
 from companion.link.vehicle.bandwidth import OVERHEAD_BYTES
 from companion.link.wire import Report, encoded
 from companion.link.words import Telemetry
@@ -36,7 +36,7 @@ def main() -> None:
 
 
 def _print(vehicle: Certificates | None, ground: Certificates | None) -> None:
-    seal, guard = Seal(SESSION, vehicle), TelemetryGuard(GROUND, ground)
+    seal, guard = Seal(SESSION, vehicle), TelemetryGuard(GROUND, Proofs(ground))
     period_s = 1.0 / LinkSettings().telemetry_hz
     plain, sealed, sealing_s, opening_s = list[int](), list[int](), list[float](), list[float]()
     for number in range(round(FOR_S / period_s)):

@@ -1,8 +1,9 @@
 """The bandwidth that a map takes, and its age behind a thin link: ``python -m bench.link.thin``.
 
 The tunnel of `bench.map.growth` is flown through at 0.5 m/s, ten images a second, with the map that is flown; its
-journal is written each half second, as in flight. Vehicle's and ground's side of the link are the real ones, between
-them a link that carries so many kbit/s and takes 20 ms each way; time is virtual. Telemetry takes its part besides.
+journal is written each half second, as in flight. Vehicle's and ground's side of the link are the real ones, and
+answers are signed; between them is a link that carries so many kbit/s and takes 20 ms each way; time is virtual.
+Telemetry takes its part besides.
 ``age`` is that of the ground's map, asked each half second of the flight; ``coarse`` the share of the chunks of which
 the ground showed the coarse picture only when the flight ended; ``caught up`` how long after the flight the maps were
 equal, bit for bit. A link that carries 0 has no bound: what went over then is what the map takes.
@@ -12,15 +13,18 @@ from __future__ import annotations
 
 import tempfile
 from argparse import Namespace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from bench.common import Row, parser, say, show
+from bench.link.answers import both_ends
 from bench.map.frames import camera_of
 from bench.map.growth import BEND_M, HEIGHT_M, PERIOD_M, tunnel
 from companion.config.link import LinkSettings
 from companion.config.mapping import MapSettings
+from companion.link.answering import opened_answer, sealed_answer
 from companion.link.ground.sync import MapSync
 from companion.link.map_wire import answer, asked, read_answer, read_ask
 from companion.link.vehicle.bandwidth import OVERHEAD_BYTES
@@ -34,6 +38,7 @@ SPEED_MPS, IMAGES_HZ = 0.5, 10.0
 ONE_WAY_S = 0.02
 TELEMETRY_BYTES = 800
 POLL_S = FLUSH_S = 0.5
+NONCE = "b" * 16
 COLUMNS = (
     *("kbit/s", "flown, s", "map, kB", "sent, kB", "map, kbit/s", "age p50, s", "age p99, s", "coarse, %"),
     "caught up, s",
@@ -90,6 +95,7 @@ def flown(kbps: float, seconds: float, camera: Camera) -> Row:
         folder, clock = Path(name), VirtualClock()
         flight = Flight(folder / "vehicle", camera)
         teller = MapTeller("0" * 16, flight.journal.folder, clock)
+        seal, proofs = both_ends(folder / "keys")
         sync = MapSync(folder / "ground", "ground", clock)
         sync.follow("flight")
         ages_s: list[float] = []
@@ -107,11 +113,14 @@ def flown(kbps: float, seconds: float, camera: Camera) -> Row:
             if clock.time_s >= seconds and not coarse and sync.copy is not None:
                 coarse = 100.0 * (1.0 - sync.copy.chunk_count / max(1, len(flight.journal.chunks)))
             ask = sync.next_ask()
-            data = answer(*teller.tell(read_ask(asked(ask))))
+            question = asked(replace(ask, nonce=NONCE))
+            data = sealed_answer(seal, question, answer(*teller.tell(read_ask(question))))
             sent += len(data)
             took_s = 2.0 * ONE_WAY_S + _carried_s(len(data), kbps)
             clock.time_s += took_s
-            sync.take(ask, *read_answer(data), len(data), took_s)
+            opened = opened_answer(proofs, "drone1", question, data)
+            assert opened is not None
+            sync.take(ask, *read_answer(opened), len(data), took_s)
             if sync.has_all and ask.what == "chunks":
                 if clock.time_s > seconds and next_flush_s == np.inf:
                     caught_up_s = clock.time_s - seconds

@@ -24,7 +24,6 @@ _MAGIC, _VERSION = b"MCFE", 1
 _SESSION = re.compile(r"[0-9a-f]{16}")
 
 LARGEST_HEADER_BYTES, LARGEST_PROOF_BYTES = 4_096, 4_096
-LARGEST_ENVELOPE_BYTES = LARGEST_BYTES + LARGEST_HEADER_BYTES + LARGEST_PROOF_BYTES
 
 Quote = tuple[str, int]
 """The session of a vehicle's link, and the number of a message in it; at the ground its own session, and 0."""
@@ -36,7 +35,7 @@ class Envelope:
 
     Attributes:
         session: drawn anew each time that the sender's process of the link starts.
-        number: grows with each message of a session.
+        number: grows with each message of a session, from 1 on; 0: it answers a question.
         heard: by the names of other vehicles, the newest that the sender had of them, or of those at the ground.
         message: what it tells, as bytes.
         certificate: of the sender, DER; empty where it was sent a moment ago, and on loopback without certificates.
@@ -65,13 +64,17 @@ class Envelope:
         return json.dumps([self.session, self.number, self.heard], separators=(",", ":")).encode()
 
 
-def read_envelope(data: bytes) -> Envelope:
+def read_envelope(data: bytes, most_bytes: int = LARGEST_BYTES) -> Envelope:
     """The envelope that some bytes are. Nothing of it is proven, and its message is not looked at.
+
+    Args:
+        data: the bytes.
+        most_bytes: that its message may have.
 
     Raises:
         WireError: they are none.
     """
-    if not _PREFIX.size <= len(data) <= LARGEST_ENVELOPE_BYTES:
+    if not _PREFIX.size <= len(data) <= most_bytes + LARGEST_HEADER_BYTES + LARGEST_PROOF_BYTES:
         raise WireError(f"no sealed message: {len(data)} bytes")
     magic, version, head, certificate, signature = _PREFIX.unpack_from(data)
     if (magic, version) != (_MAGIC, _VERSION) or head > LARGEST_HEADER_BYTES:

@@ -51,6 +51,7 @@ class Ask:
         buckets: hexadecimal bits of those that differ, the lowest bucket first.
         most_bytes: of the answer, before it is compressed.
         by: who asks: drawn at random, the same for all questions of a process.
+        nonce: drawn at random for each question: what answers it was written after it.
     """
 
     what: Literal["sums", "chunks", "coarse", "way", "drawing"]
@@ -61,6 +62,7 @@ class Ask:
     buckets: str = ""
     most_bytes: int = 8_000
     by: str = ""
+    nonce: str = ""
 
     def within(self, most_bytes: int) -> Ask:
         """The same with another bound of the answer."""
@@ -112,7 +114,8 @@ def read_ask(data: bytes) -> Ask:
         WireError: they ask none.
     """
     ask = _checked(_ASK, data)
-    if not 0 < ask.most_bytes <= MOST_ASKED_BYTES or ask.after < 0 or max(len(ask.buckets), len(ask.by)) > BUCKETS // 4:
+    longest = max(map(len, (ask.buckets, ask.by, ask.nonce)))
+    if not 0 < ask.most_bytes <= MOST_ASKED_BYTES or ask.after < 0 or longest > BUCKETS // 4:
         raise WireError("no question about the map: a number in it is out of bounds")
     return ask
 

@@ -1,7 +1,8 @@
 """What a vehicle tells is sealed there, and believed elsewhere when it is its own, and new. Pure.
 
 With certificates each message is signed, and the certificate must be that of a vehicle of the name that it is told as.
-A message of a session counts once, and only the newest; a session counts from when it has shown that it is of now.
+A message of a session counts once, and only the newest; a session counts from when it has shown that it is of now. An
+answer counts for its question only: `companion.link.answering`.
 """
 
 from __future__ import annotations
@@ -47,14 +48,23 @@ class Seal:
             now_s: now.
         """
         self.sent += 1
-        envelope = Envelope(self._session, self.sent, heard, message)
-        given = self._certificates
-        if given is not None:
-            certificate = b""
-            if now_s >= self._next_certificate_s:
-                self._next_certificate_s = now_s + CERTIFICATE_PERIOD_S
-                certificate = given.certificate_der
-            envelope = replace(envelope, certificate=certificate, signature=given.sign_bytes(envelope.signed()))
+        certificate = b""
+        if self._certificates is not None and now_s >= self._next_certificate_s:
+            self._next_certificate_s = now_s + CERTIFICATE_PERIOD_S
+            certificate = self._certificates.certificate_der
+        return self._signed(Envelope(self._session, self.sent, heard, message, certificate))
+
+    def answer(self, message: bytes) -> bytes:
+        """An answer, sealed for who has asked; from any thread.
+
+        It has no number, since it counts for its question and not in an order, and no certificate: whoever asks has had
+        that with what this vehicle tells.
+        """
+        return self._signed(Envelope(self._session, 0, {}, message))
+
+    def _signed(self, envelope: Envelope) -> bytes:
+        if self._certificates is not None:
+            envelope = replace(envelope, signature=self._certificates.sign_bytes(envelope.signed()))
         return envelope.encode()
 
 

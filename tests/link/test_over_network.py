@@ -11,10 +11,11 @@ from types import SimpleNamespace
 import pytest
 
 from companion.errors import InputError
+from companion.link.answering import opened_answer
 from companion.link.authority import Authority
 from companion.link.certificates import REVOKED, Certificates
 from companion.link.envelope import read_envelope
-from companion.link.sealing import Seal
+from companion.link.sealing import Proofs, Seal
 from companion.link.session import LinkError, close_session, open_session
 from companion.link.vehicle.process import ANSWER_TIMEOUT_S
 from companion.link.wire import Order, Report, SignedOrder, command_topic, decoded, encoded, telemetry_topic
@@ -85,7 +86,9 @@ def raw(vehicle: RiggedVehicle, order: Order, certificates: Certificates | None 
         give_up_s = time.monotonic() + 5.0
         while not replies and time.monotonic() < give_up_s:
             replies += _replies(session, encoded(signed))
-        return decoded(Answer, replies[0])
+        opened = opened_answer(Proofs(None), "drone1", encoded(signed), replies[0])
+        assert opened is not None
+        return decoded(Answer, opened)
     finally:
         close_session(session)
 

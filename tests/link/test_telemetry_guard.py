@@ -10,7 +10,7 @@ from companion.link.authority import Authority
 from companion.link.certificates import REVOKED, Certificates
 from companion.link.ground import telemetry_guard
 from companion.link.ground.telemetry_guard import TelemetryGuard
-from companion.link.sealing import CERTIFICATE_PERIOD_S, Seal
+from companion.link.sealing import CERTIFICATE_PERIOD_S, Proofs, Seal
 from companion.link.wire import RefusedError, Report, encoded
 from companion.link.words import Telemetry
 
@@ -50,7 +50,7 @@ class Told:
 
 
 def test_a_vehicle_is_believed_once_it_quotes_this_ground(folder: Path) -> None:
-    guard, vehicle = TelemetryGuard(OWN, Certificates(folder / "anna")), Told(folder / "drone1")
+    guard, vehicle = TelemetryGuard(OWN, Proofs(Certificates(folder / "anna"))), Told(folder / "drone1")
     for quotes, is_of_now in (("d" * 16, False), (OWN, True), ("d" * 16, True)):
         opened = guard.opened("drone1", vehicle.next(quotes=quotes))
         assert opened is not None
@@ -71,14 +71,14 @@ def test_a_vehicle_is_believed_once_it_quotes_this_ground(folder: Path) -> None:
 )
 def test_nobody_else_is(folder: Path, forger: str | None, as_whom: str, says: str, why: str) -> None:
     """Protects the operator from a vehicle that is shown where it is not, and the true one from a wrong command."""
-    guard = TelemetryGuard(OWN, Certificates(folder / "anna"))
+    guard = TelemetryGuard(OWN, Proofs(Certificates(folder / "anna")))
     forged = Told(None if forger is None else folder / forger)
     with pytest.raises(RefusedError, match=why):
         guard.opened(as_whom, forged.next(vehicle=says))
 
 
 def test_what_was_changed_on_its_way_is_refused(folder: Path) -> None:
-    guard = TelemetryGuard(OWN, Certificates(folder / "anna"))
+    guard = TelemetryGuard(OWN, Proofs(Certificates(folder / "anna")))
     with pytest.raises(RefusedError, match="signature"):
         guard.opened("drone1", Told(folder / "drone1").next().replace(b"exploring", b"returning"))
     with pytest.raises(RefusedError, match="sealed"):
@@ -89,7 +89,7 @@ def test_what_was_changed_on_its_way_is_refused(folder: Path) -> None:
 
 def test_nothing_is_played_back(folder: Path) -> None:
     """Neither of this flight, nor of one before that this ground has heard, nor of one that it has not."""
-    guard = TelemetryGuard(OWN, Certificates(folder / "anna"))
+    guard = TelemetryGuard(OWN, Proofs(Certificates(folder / "anna")))
     earlier, now = Told(folder / "drone1"), Told(folder / "drone1", ANOTHER)
     first, unheard, second = earlier.next(), earlier.next(), earlier.next()
     assert guard.opened("drone1", first)
@@ -105,7 +105,7 @@ def test_nothing_is_played_back(folder: Path) -> None:
 
 
 def test_a_certificate_that_has_not_come_is_waited_for_and_one_that_was_revoked_is_not(folder: Path) -> None:
-    vehicle, guard = Told(folder / "drone1"), TelemetryGuard(OWN, Certificates(folder / "anna"))
+    vehicle, guard = Told(folder / "drone1"), TelemetryGuard(OWN, Proofs(Certificates(folder / "anna")))
     first, without = vehicle.next(), vehicle.next(after_s=0.5)
     assert guard.opened("drone1", without) is None
     assert guard.opened("drone1", first) is not None
@@ -119,7 +119,7 @@ def test_a_certificate_that_has_not_come_is_waited_for_and_one_that_was_revoked_
 def test_no_session_is_ever_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
     """Protects the memory as well: of more than it is for none is believed."""
     monkeypatch.setattr(telemetry_guard, "MOST_SESSIONS", 2)
-    guard = TelemetryGuard(OWN, None)
+    guard = TelemetryGuard(OWN, Proofs(None))
     for number in range(2):
         assert guard.opened("drone1", Told(None, f"{number:016x}").next())
     with pytest.raises(RefusedError, match="begun anew 2 times"):

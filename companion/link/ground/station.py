@@ -6,6 +6,7 @@ import logging
 import secrets
 import threading
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Self
 
@@ -14,9 +15,11 @@ import zenoh
 from companion.config.link import ENDPOINT_FORMS, is_encrypted, is_endpoint, is_loopback, is_name
 from companion.errors import InputError
 from companion.link.certificates import Certificates
+from companion.link.ground.asking import Asker
 from companion.link.ground.signing import Signer
 from companion.link.ground.telemetry_guard import TelemetryGuard
 from companion.link.ground.vehicle import LinkedVehicle
+from companion.link.sealing import Proofs
 from companion.link.session import close_session, open_session
 from companion.link.wire import RefusedError, telemetry_topic, vehicle_of
 
@@ -56,10 +59,13 @@ class LinkStation:
         self._folder = folder
         self._signer = Signer(name, given)
         self._by = secrets.token_hex(8)
-        self._guard = TelemetryGuard(self._by, given)
+        self._proofs = Proofs(given)
+        self._guard = TelemetryGuard(self._by, self._proofs)
         self.refused = 0
-        """Telemetry that was not to be believed."""
+        """Telemetry and answers that were not to be believed."""
+        self._logged: set[str] = set()
         self._lock = threading.Lock()
+        """Over the two before it, and what follows."""
         self._vehicles: dict[str, LinkedVehicle] = {}
         self._session = open_session(listen, connect, given)
         for path in sorted(folder.iterdir()) if folder.is_dir() else ():
@@ -90,8 +96,8 @@ class LinkStation:
     def _vehicle(self, name: str) -> LinkedVehicle | None:
         with self._lock:
             if name not in self._vehicles and len(self._vehicles) < MOST_VEHICLES:
-                folder = self._folder / name
-                self._vehicles[name] = LinkedVehicle(name, folder, self._session, self._by, self._signer)
+                asker = Asker(name, self._session, self._proofs, partial(self._refuse, name, "an answer"))
+                self._vehicles[name] = LinkedVehicle(name, self._folder / name, asker, self._by, self._signer)
             return self._vehicles.get(name)
 
     def _on_telemetry(self, sample: zenoh.Sample) -> None:
@@ -100,7 +106,7 @@ class LinkStation:
         try:
             opened = self._guard.opened(name, sample.payload.to_bytes())
         except RefusedError as refusal:
-            self._refuse(name, str(refusal))
+            self._refuse(name, "telemetry", str(refusal))
             return
         vehicle = None if opened is None else self._vehicle(name)
         if opened is None or vehicle is None:
@@ -111,12 +117,14 @@ class LinkStation:
         else:
             vehicle.greet()
 
-    def _refuse(self, name: str, why: str) -> None:
-        if self.refused == 0:
-            _log.warning("telemetry was refused: %s; further ones are only counted", why)
-        self.refused += 1
+    def _refuse(self, name: str, what: str, why: str) -> None:
         with self._lock:
+            self.refused += 1
+            is_first = what not in self._logged
+            self._logged.add(what)
             known = self._vehicles.get(name)
+        if is_first:
+            _log.warning("%s in the name of %r was refused: %s; further ones are only counted", what, name[:32], why)
         # A name that only refused ones have told of is nobody's.
         if known is not None:
             known.refused(why)

@@ -8,7 +8,6 @@ heard in what it was asked.
 from __future__ import annotations
 
 from companion.control.fleet import MOST_VEHICLES
-from companion.link.certificates import Certificates
 from companion.link.envelope import read_envelope
 from companion.link.sealing import Proofs, Sessions
 from companion.link.wire import RefusedError, Report, WireError, decoded
@@ -22,12 +21,12 @@ class TelemetryGuard:
 
     Args:
         own: what this ground calls itself when it asks, and what is to be quoted.
-        certificates: of the operator; None: on loopback, where nobody has to prove who they are.
+        proofs: tell whose it is.
     """
 
-    def __init__(self, own: str, certificates: Certificates | None) -> None:
+    def __init__(self, own: str, proofs: Proofs) -> None:
         self._own = own
-        self._proofs = Proofs(certificates)
+        self._proofs = proofs
         self._sessions: dict[str, Sessions] = {}
 
     def opened(self, sender: str, data: bytes) -> tuple[Report, bool] | None:

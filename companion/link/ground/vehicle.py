@@ -8,6 +8,7 @@ import secrets
 import threading
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ import zenoh
 from companion.clock import MonotonicClock
 from companion.errors import CompanionError
 from companion.link.drawing import Drawing, read_drawing
+from companion.link.ground.asking import Asker
 from companion.link.ground.signing import Signer
 from companion.link.ground.sync import MapSync, is_map_name
 from companion.link.map_wire import Ask, Told, asked, read_answer
@@ -58,14 +60,14 @@ class LinkedVehicle:
     Args:
         name: of the vehicle.
         folder: for its maps.
-        session: over which it is asked.
+        asker: asks it.
         by: who asks, for the vehicle.
         signer: signs the commands.
     """
 
-    def __init__(self, name: str, folder: Path, session: zenoh.Session, by: str, signer: Signer) -> None:
+    def __init__(self, name: str, folder: Path, asker: Asker, by: str, signer: Signer) -> None:
         self._name = name
-        self._session = session
+        self._asker = asker
         self._by = by
         self._signer = signer
         self._clock = MonotonicClock()
@@ -175,11 +177,11 @@ class LinkedVehicle:
 
     @property
     def doubt(self) -> str:
-        """Why something that claimed to be its telemetry was refused in the last seconds; empty when nothing was."""
+        """Why something that claimed to be of it was refused in the last seconds; empty when nothing was."""
         return self._doubt if self._clock.now_s() - self._doubted_s <= DOUBT_S else ""
 
     def refused(self, why: str) -> None:
-        """What came as its telemetry is not."""
+        """What came as its telemetry, or as its answer, is not."""
         self._doubt, self._doubted_s = why, self._clock.now_s()
 
     def greet(self) -> None:
@@ -216,27 +218,13 @@ class LinkedVehicle:
         for attempt in range(1, 2 + int(GIVE_UP_S / ATTEMPT_S)):
             next_s = time.monotonic() + ATTEMPT_S
             message = encoded(self._signer.signed(order, attempt))
-            data = self._get(command_topic(self._name), message, ATTEMPT_S, zenoh.Priority.REAL_TIME)
+            data = self._asker.ask(command_topic(self._name), message, ATTEMPT_S, zenoh.Priority.REAL_TIME)
             if data is not None:
                 return decoded(Answer, data)
             # Without a connection there is no waiting in the call.
             self._closing.wait(max(0.0, min(next_s, give_up_s) - time.monotonic()))
             if time.monotonic() >= give_up_s or self._closing.is_set():
                 break
-        return None
-
-    def _get(self, topic: str, message: bytes, timeout_s: float, priority: zenoh.Priority) -> bytes | None:
-        replies = self._session.get(
-            topic,
-            payload=message,
-            timeout=timeout_s,
-            priority=priority,
-            congestion_control=zenoh.CongestionControl.DROP,
-            express=True,
-        )
-        for reply in replies:
-            if reply.ok is not None:
-                return reply.ok.payload.to_bytes()
         return None
 
     # The map.
@@ -308,7 +296,8 @@ class LinkedVehicle:
                 self._drawing_number = report.drawing
 
     def _told(self, ask: Ask, timeout_s: float) -> tuple[Told, bytes, int] | None:
-        data = self._get(map_topic(self._name), asked(ask), timeout_s, zenoh.Priority.DATA_LOW)
+        question = asked(replace(ask, nonce=secrets.token_hex(8)))
+        data = self._asker.ask(map_topic(self._name), question, timeout_s, zenoh.Priority.DATA_LOW)
         return None if data is None else (*read_answer(data), len(data))
 
 

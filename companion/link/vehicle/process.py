@@ -28,6 +28,7 @@ from companion.clock import MonotonicClock
 from companion.config.link import LinkSettings
 from companion.errors import CompanionError
 from companion.gate.runtime.processes import end_with_parent
+from companion.link.answering import sealed_answer
 from companion.link.certificates import vehicle_certificates
 from companion.link.envelope import Quote, is_session
 from companion.link.map_wire import answer, read_ask
@@ -316,7 +317,7 @@ class LinkProcess:
             self._answer(query, reply)
 
     def _answer(self, query: zenoh.Query, reply: Answer) -> None:
-        message = encoded(reply)
+        message = sealed_answer(self._seal, _payload(query), encoded(reply))
         self._take(len(message))
         with query:
             query.reply(command_topic(self._settings.name), message, express=True)
@@ -361,10 +362,11 @@ class LinkProcess:
                 next_follow_s = self._clock.now_s() + BEAT_PERIOD_S
 
     def _tell(self, query: zenoh.Query) -> None:
-        ask = read_ask(_payload(query))
+        question = _payload(query)
+        ask = read_ask(question)
         most_bytes = min(ask.most_bytes, max(2_000, int(ANSWER_S * self._bandwidth.bytes_per_s)))
         told, body = self._teller.tell(ask.within(most_bytes))
-        message = answer(told, body)
+        message = sealed_answer(self._seal, question, answer(told, body))
         with self._guarded:
             now_s = self._clock.now_s()
             is_all = None
