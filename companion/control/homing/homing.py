@@ -28,6 +28,10 @@ NEAR_M, PATIENCE_S, NEARER_M = 6.0, 20.0, 0.1
 """When the way home is no longer than this and has become no shorter for so long, something stands there now, or the
 flight began nearer to a wall than the law flies: it lands at the nearest place where it can."""
 
+UNSURE_M, TELLS_M = 0.5, 10.0
+"""Where home may be further off than that, though it takes itself to be there, it flies the first metres of its way out
+once more, to where walls may tell it, and comes back."""
+
 CLOSED_S, TRIES = 20.0, 3
 """When for so long no way home has been known, and none to anything unseen, what is in the way is looked at anew; where
 it still is so many times, the way is closed."""
@@ -81,7 +85,7 @@ class Homing:
         self.began_at: Place | None = None
         """Where the flight began."""
         self.home: Place | None = None
-        """The same; on the way home where it lands."""
+        """The same; on the way home where it lands, or where it first looks for walls that tell where home is."""
         self.lands_elsewhere = False
         """Whether it lands beside the place where the flight began, which it cannot get to."""
         self.is_closed = False
@@ -101,6 +105,7 @@ class Homing:
         self._pace = Pace(parameters)
         self._least_m, self._least_s = math.inf, -math.inf
         self._open_s, self._tries = -math.inf, 0
+        self._makes_sure, self._has_made_sure = False, False
         self._there_s: float | None = None
         self._near_s = -math.inf
         self._next_look_s = -math.inf
@@ -212,6 +217,7 @@ class Homing:
     def has_arrived(self, pose: Pose, t_s: float) -> bool:
         """Whether the vehicle is where it is to stand; asked with every pose on the way home, as `pose` gives it."""
         self._look_whether_it_gets_there(pose, t_s)
+        self._make_sure(pose, t_s)
         to_go_m = self.to_go_m(pose)
         if to_go_m >= (GONE_M if self._there_s is not None else ARRIVED_M):
             self._there_s, self.is_home = None, False
@@ -222,6 +228,31 @@ class Homing:
             self._near_s = t_s
         self.is_home = t_s - max(self._there_s, self._near_s) >= SETTLED_S or t_s - self._there_s >= SETTLING_S
         return True
+
+    def _make_sure(self, pose: Pose, t_s: float) -> None:
+        """Fly on along the way out from a home that no wall has told, and back once one has; once in a flight."""
+        homeward, began_at = self.homeward, self.began_at
+        if homeward is None or began_at is None or self.lands_elsewhere:
+            return
+        is_there = self.to_go_m(pose) < ARRIVED_M
+        if self._makes_sure:
+            if is_there or self.unsure_m <= UNSURE_M:
+                self._come_back(began_at, homeward, t_s)
+        elif is_there and not self._has_made_sure and self.unsure_m > UNSURE_M:
+            place = self._keyframes.place_after(TELLS_M)
+            self._has_made_sure = True
+            if place is not None:
+                self._makes_sure = True
+                self._lead_to(place, homeward, t_s)
+
+    def _come_back(self, began_at: Place, homeward: Homeward, t_s: float) -> None:
+        self._makes_sure = False
+        self._lead_to(began_at, homeward, t_s)
+
+    def _lead_to(self, place: Place, homeward: Homeward, t_s: float) -> None:
+        self.home = place
+        self._least_m, self._least_s = math.inf, t_s
+        homeward.lead_to(place)
 
     def _look_whether_it_gets_there(self, pose: Pose, t_s: float) -> None:
         """Where home cannot be got to though it is near, land at the nearest place that is fit; where none is, here."""
@@ -236,6 +267,10 @@ class Homing:
         if left_m < self._least_m - NEARER_M:
             self._least_m, self._least_s = left_m, t_s
         if left_m > NEAR_M or self._there_s is not None or t_s - self._least_s <= PATIENCE_S:
+            return
+        if self._makes_sure and self.began_at is not None:
+            # It was worth a try, and no more.
+            self._come_back(self.began_at, homeward, t_s)
             return
         fit = [place for place in self._fit(self._keyframes.near(here, NEAR_M)) if place != self.home]
         nearest = min(fit, key=lambda one: _straight_m(one, pose), default=here)
@@ -276,10 +311,8 @@ class Homing:
 
     def _land_at(self, place: Place, homeward: Homeward, t_s: float) -> None:
         """Instead of at home."""
-        self.home = place
         self.lands_elsewhere = True
-        self._least_m, self._least_s = math.inf, t_s
-        homeward.lead_to(place)
+        self._lead_to(place, homeward, t_s)
 
     def most_mps(self, pose: Pose) -> float:
         """How fast it may fly so near to home, to stand there."""

@@ -100,6 +100,10 @@ class Keyframes:
         here = Place.under(pose, measurement.h_m)
         return Keyframe(here, self.way_m, walls_m(measurement, pose), lands and not measurement.over_shaft)
 
+    def place_after(self, way_m: float) -> Place | None:
+        """Where the vehicle was after so much of its way out; None where it did not fly as far."""
+        return next((look.place for look in self._frames if look.way_m >= way_m), None)
+
     def near(self, place: Place, within_m: float) -> list[Keyframe]:
         """The looks made within so much of a place, on its level, oldest first."""
         if len(self._places_m) != len(self._frames):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from companion.control.decisions import Choice
-from companion.control.homing.homing import Homing
+from companion.control.homing.homing import UNSURE_M, Homing
 from companion.control.known_ground import UPRIGHT_57_DEG, KnownGround
 from companion.model import Measurement, Pose
 from tests.control.scene import CAMERA_RAD, Scene, box, law_parameters
@@ -75,3 +75,54 @@ def test_what_a_smooth_drift_has_not_told_is_looked_for_until_walls_tell_it() ->
         assert math.hypot(found.x_m - truly.x_m, found.y_m - truly.y_m) < homing.unsure_m + 0.2, "it says so itself"
     assert math.hypot(found.x_m - truly.x_m, found.y_m - truly.y_m) < 0.15
     assert homing.unsure_m < 0.15
+
+
+def arrives(homing: Homing, pose: Pose) -> bool:
+    """Whether a vehicle that takes itself to be there has come home."""
+    return homing.has_arrived(homing.pose(pose), pose.t_s)
+
+
+def test_a_home_that_no_wall_has_told_is_made_sure_of_once() -> None:
+    """Protects the landing in a smooth drift: 0.9 m off where the walls that would have told were 7 m further.
+
+    Where none tells there either, it comes back and lands.
+    """
+    homing, t_s = flown_out()
+    began_at = homing.began_at
+    assert began_at is not None
+    home = Pose(t_s + 1.0, began_at.x_m, began_at.y_m, 1.5, 0.0)
+    assert not arrives(homing, home)
+    assert homing.home is not None
+    assert (homing.home.x_m, homing.home.y_m) == pytest.approx((10.0, 0.0), abs=1.0)
+    assert not homing.lands_elsewhere
+    assert not arrives(homing, replace(home, t_s=t_s + 15.0, x_m=homing.home.x_m))
+    assert homing.home == began_at
+    assert arrives(homing, replace(home, t_s=t_s + 30.0))
+    assert homing.unsure_m > UNSURE_M
+
+
+def test_it_comes_back_as_soon_as_walls_have_told_it() -> None:
+    """Protects the battery: the first metres of the way out are flown only as far as it takes."""
+    homing, t_s = flown_out()
+    began_at = homing.began_at
+    assert began_at is not None
+    home = Pose(t_s + 1.0, began_at.x_m, began_at.y_m, 1.5, 0.0)
+    assert not arrives(homing, home)
+    assert homing.home != began_at
+    truly = Pose(t_s + 5.0, -1.5, 0.5, 1.5, 0.0)
+    assert homing.align(RING.measure(truly, CAMERA_RAD, truly.z_m), truly, truly.t_s) < 0.2
+    assert not arrives(homing, truly)
+    assert homing.home == began_at
+
+
+def test_where_the_way_out_is_blocked_now_it_is_not_made_sure_of_for_long() -> None:
+    """Protects the landing at home: what stands before the place where it looks for walls makes it no other home."""
+    homing, t_s = flown_out()
+    began_at = homing.began_at
+    assert began_at is not None
+    home = Pose(t_s + 1.0, began_at.x_m + 5.0, began_at.y_m, 1.5, 0.0)
+    assert not arrives(homing, replace(home, x_m=began_at.x_m))
+    for second in range(2, 40):
+        arrives(homing, replace(home, t_s=t_s + second))
+    assert homing.home == began_at
+    assert not homing.lands_elsewhere
