@@ -87,16 +87,19 @@ def test_bytes_of_anybody_are_refused(data: bytes) -> None:
 
 
 @given(at=st.integers(0, 10_000), to=st.integers(0, 255))
-def test_a_byte_that_was_changed_is_found_or_says_something_readable(at: int, to: int) -> None:
-    """Deflated bytes carry a sum of their own: none passes, but for the byte that was what it is now."""
+def test_a_byte_that_was_changed_is_found_or_changes_nothing(at: int, to: int) -> None:
+    """Deflated bytes carry a sum of their own: what passes says the same.
+
+    The bits between the end of what was deflated and that sum, up to seven, are not read by anybody.
+    """
     data = bytearray(WHOLE.encode())
     at %= len(data)
-    before, data[at] = data[at], to
-    if before == to:
-        assert same(decode(bytes(data)), WHOLE)
+    data[at] = to
+    try:
+        found = decode(bytes(data))
+    except FleetMessageError:
         return
-    with pytest.raises(FleetMessageError):
-        decode(bytes(data))
+    assert same(found, WHOLE)
 
 
 def made(change: dict[str, Any], cells: bytes = b"", ground: dict[str, Any] | None = None) -> bytes:
