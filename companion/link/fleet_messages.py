@@ -29,8 +29,9 @@ LARGEST_NUMBER = 2**53
 LEAST_CELL_M, MOST_CELL_M = 0.05, 5.0
 FARTHEST_TILE = 10_000
 
-_PREFIX = struct.Struct("<4sBH")
 _MAGIC = b"MCFM"
+_PREFIX, _CRC = struct.Struct("<4sBH"), struct.Struct("<I")
+_BODY_AT = _PREFIX.size + _CRC.size
 _CELLS = TILE_CELLS * TILE_CELLS
 _LARGEST_BODY_BYTES = LARGEST_HEADER_BYTES + (MOST_TILES + 1) * MOST_LEVELS * _CELLS * 3
 
@@ -86,10 +87,19 @@ class FleetMessage:
         head = json.dumps(header, allow_nan=False, separators=(",", ":")).encode()
         if len(head) > LARGEST_HEADER_BYTES:
             raise ValueError(f"a header of {len(head)} bytes, {LARGEST_HEADER_BYTES} are the most")
-        message = _PREFIX.pack(_MAGIC, VERSION, len(head)) + zlib.compress(head + cells, 6)
+        message = framed(len(head), zlib.compress(head + cells, 6))
         if len(message) > LARGEST_BYTES:
             raise ValueError(f"a message of {len(message)} bytes, {LARGEST_BYTES} are the most")
         return message
+
+
+def framed(length: int, body: bytes) -> bytes:
+    """A message of a deflated body that begins with a header of so many bytes.
+
+    The sum of deflate itself takes some bodies for others: cells are small numbers, and there it is weak.
+    """
+    prefix = _PREFIX.pack(_MAGIC, VERSION, length)
+    return b"".join((prefix, _CRC.pack(zlib.crc32(body, zlib.crc32(prefix))), body))
 
 
 def decode(data: bytes) -> FleetMessage:
@@ -105,13 +115,15 @@ def decode(data: bytes) -> FleetMessage:
 
 
 def _decoded(data: bytes) -> FleetMessage:
-    if not _PREFIX.size < len(data) <= LARGEST_BYTES:
+    if not _BODY_AT < len(data) <= LARGEST_BYTES:
         raise ValueError(f"{len(data)} bytes")
     magic, version, length = _PREFIX.unpack_from(data)
     if (magic, version) != (_MAGIC, VERSION) or length > LARGEST_HEADER_BYTES:
         raise ValueError(f"begins with {magic!r}, version {version}")
+    if data != framed(length, data[_BODY_AT:]):
+        raise ValueError("is not what was sent")
     inflate = zlib.decompressobj()
-    body = inflate.decompress(data[_PREFIX.size :], _LARGEST_BODY_BYTES + 1)
+    body = inflate.decompress(data[_BODY_AT:], _LARGEST_BODY_BYTES + 1)
     if not inflate.eof or inflate.unused_data or len(body) > _LARGEST_BODY_BYTES:
         raise ValueError("is cut, or too large")
     header = json.loads(body[:length].decode())
