@@ -32,8 +32,9 @@ part. Of 133 comparisons with the oldest looks in four missions, the 20 that wer
 REACH_M, REACH_RAD = 0.3, math.radians(4.0)
 """So far it may be off at each comparison, and by the drift of the way since walls last told the place."""
 
-TOLD_BY = 0.05
-"""Walls tell a place when so much less of them agrees beside it; along a smooth drift they do not."""
+TOLD_BY, CLOSE_BY_M = 0.05, 0.4
+"""Walls tell a place when so much less of them agrees beside it; along a smooth drift they do not. What they tell to be
+further off has to be told clearly: somewhere along metres of rough walls a little more agrees by chance."""
 
 
 class Alignment:
@@ -105,7 +106,8 @@ class Alignment:
                 continue
             found = match(look_m, (here.x_m, here.y_m), known_m, reach_m, REACH_RAD)
             if found.share >= LEAST_SHARE or (found.share >= CLEARLY_SHARE and found.better_by >= CLEARLY_BY):
-                is_told = found.better_by >= TOLD_BY
+                is_close_by = math.hypot(found.x_m, found.y_m) <= CLOSE_BY_M
+                is_told = found.better_by >= (TOLD_BY if is_close_by else CLEARLY_BY)
                 self._take(found if is_told else found.across(), piece, here, measurement.h_m)
                 if is_told:
                     # Along a smooth drift nobody knows it, and all that it drifted since it was told counts on.

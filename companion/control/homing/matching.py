@@ -27,7 +27,7 @@ FAR_SHARE, PER_RAD = 0.1, 0.1
 nothing says how far, and then it stays."""
 
 ROUND_M, ROUND = 0.4, 24
-"""A place is told by its walls when they agree less so far to any side of it, of so many."""
+"""A place is told by its walls when they agree less so far to any side of it, of so many, and anywhere further off."""
 
 Points = NDArray[np.float64]
 
@@ -39,8 +39,8 @@ class Match(NamedTuple):
         x_m, y_m: by how much it is to be moved.
         turn_rad: by how much it is to be turned, about where it was made.
         share: of its walls that lie on walls then, from 0 to 1.
-        better_by: as much less of them does `ROUND_M` beside, to whichever side: 0 along a smooth drift.
-        beside_rad: the side to which it agrees best: along that drift.
+        better_by: as much less of them does `ROUND_M` beside, or further off within the reach: 0 along a smooth drift.
+        beside_rad: the side to which it agrees best `ROUND_M` beside: along that drift.
     """
 
     x_m: float
@@ -78,7 +78,7 @@ def match(look_m: Points, at_m: tuple[float, float], known_m: Points, reach_m: f
     x_m, y_m, turn_rad, share = _best(
         likeness, about, centre, rough[:3], (COARSE_M, FINE_M), (COARSE_RAD, FINE_RAD), per_m
     )
-    beside, beside_rad = _beside(likeness, about, centre, (x_m, y_m, turn_rad))
+    beside, beside_rad = _beside(likeness, about, centre, (x_m, y_m, turn_rad), reach_m)
     return Match(*(float(value) for value in (x_m, y_m, turn_rad, share, share - beside, beside_rad)))
 
 
@@ -109,19 +109,31 @@ def _share(likeness: NDArray[np.uint8], x: NDArray[np.float64], y: NDArray[np.fl
 
 @compiled
 def _beside(
-    likeness: NDArray[np.uint8], about_m: Points, centre_m: NDArray[np.float64], at: tuple[float, float, float]
+    likeness: NDArray[np.uint8],
+    about_m: Points,
+    centre_m: NDArray[np.float64],
+    at: tuple[float, float, float],
+    reach_m: float,
 ) -> tuple[float, float]:
-    """The best share `ROUND_M` beside a place, of `ROUND` sides, and to which side."""
+    """The best share beside a place, of `ROUND` sides, and to which side it is the best `ROUND_M` beside.
+
+    Further off in steps of `ROUND_M`, within the reach: what is moved far in a smooth drift agrees a little better than
+    close by for no reason but noise, and somewhere else as well as there.
+    """
     cos, sin = np.cos(at[2]), np.sin(at[2])
     x = (centre_m[0] + at[0] + cos * about_m[:, 0] - sin * about_m[:, 1]) / CELL_M
     y = (centre_m[1] + at[1] + sin * about_m[:, 0] + cos * about_m[:, 1]) / CELL_M
-    best, side_rad = -1.0, 0.0
-    for k in range(ROUND):
-        angle_rad = 2.0 * np.pi * k / ROUND
-        beside = ROUND_M / CELL_M
-        share = _share(likeness, x + beside * np.cos(angle_rad), y + beside * np.sin(angle_rad))
-        if share > best:
-            best, side_rad = share, angle_rad
+    best, nearest, side_rad = -1.0, -1.0, 0.0
+    for ring in range(1, int(2.0 * reach_m / ROUND_M) + 2):
+        for k in range(ROUND):
+            angle_rad = 2.0 * np.pi * k / ROUND
+            x_m, y_m = ring * ROUND_M * np.cos(angle_rad), ring * ROUND_M * np.sin(angle_rad)
+            if ring > 1 and np.hypot(at[0] + x_m, at[1] + y_m) > reach_m:
+                continue
+            share = _share(likeness, x + x_m / CELL_M, y + y_m / CELL_M)
+            best = max(best, share)
+            if ring == 1 and share > nearest:
+                nearest, side_rad = share, angle_rad
     return best, side_rad
 
 
