@@ -11,6 +11,7 @@ import pytest
 
 from companion.control.decisions import Choice
 from companion.control.homing.homing import UNSURE_M, Homing
+from companion.control.homing.matching import Match
 from companion.control.known_ground import UPRIGHT_57_DEG, KnownGround
 from companion.model import Measurement, Pose
 from tests.control.scene import CAMERA_RAD, Scene, box, law_parameters
@@ -36,10 +37,10 @@ def flown_out() -> tuple[Homing, float]:
     return homing, t_s
 
 
-def noisy(seen: Measurement, noise_m: float) -> Measurement:
+def noisy(seen: Measurement, noise_m: float, chance: np.random.Generator) -> Measurement:
     """With walls that lie a little elsewhere in each direction."""
     assert seen.scan is not None
-    off_m = np.random.default_rng(1).normal(0.0, noise_m, len(seen.scan.ranges_m))
+    off_m = chance.normal(0.0, noise_m, len(seen.scan.ranges_m))
     return replace(seen, scan=seen.scan._replace(ranges_m=seen.scan.ranges_m + off_m))
 
 
@@ -52,7 +53,8 @@ def test_home_is_recognised_after_a_long_way(noise_m: float) -> None:
     homing, t_s = flown_out()
     truly = Pose(t_s + 1.0, -1.5, 0.5, 1.5, 0.0)
     believed = replace(truly, x_m=truly.x_m + 0.8, y_m=truly.y_m + 0.5)
-    homing.align(noisy(RING.measure(truly, CAMERA_RAD, truly.z_m), noise_m), believed, truly.t_s)
+    seen = noisy(RING.measure(truly, CAMERA_RAD, truly.z_m), noise_m, np.random.default_rng(1))
+    homing.align(seen, believed, truly.t_s)
     found = homing.pose(believed)
     assert math.hypot(found.x_m - truly.x_m, found.y_m - truly.y_m) < 0.15
 
@@ -75,6 +77,27 @@ def test_what_a_smooth_drift_has_not_told_is_looked_for_until_walls_tell_it() ->
         assert math.hypot(found.x_m - truly.x_m, found.y_m - truly.y_m) < homing.unsure_m + 0.2, "it says so itself"
     assert math.hypot(found.x_m - truly.x_m, found.y_m - truly.y_m) < 0.15
     assert homing.unsure_m < 0.15
+
+
+@pytest.mark.parametrize(
+    ("x_m", "better_by", "is_told"), [(1.9, 0.06, False), (1.9, 0.12, True), (0.3, 0.06, True), (0.3, 0.04, False)]
+)
+def test_what_walls_tell_to_be_far_off_they_have_to_tell_clearly(
+    monkeypatch: pytest.MonkeyPatch, x_m: float, better_by: float, is_told: bool
+) -> None:
+    """Protects the landing: somewhere along metres of rough walls a little more agrees by chance, and it was 1.4 m off.
+
+    Across the drift walls tell it all the same.
+    """
+    homing, t_s = flown_out()
+    unsure_m = homing.unsure_m
+    found = Match(x_m, 0.2, 0.0, share=0.78, better_by=better_by, beside_rad=math.pi)
+    monkeypatch.setattr("companion.control.homing.alignment.match", lambda *_: found)
+    pose = Pose(t_s + 1.0, 10.0, 0.0, 1.5, math.pi)
+    homing.align(RING.measure(pose, CAMERA_RAD, pose.z_m), pose, pose.t_s)
+    moved = homing.pose(pose)
+    assert (moved.x_m, moved.y_m) == pytest.approx((10.0 + x_m * is_told, 0.2))
+    assert (homing.unsure_m < unsure_m / 2.0) == is_told
 
 
 def arrives(homing: Homing, pose: Pose) -> bool:

@@ -59,3 +59,16 @@ def test_along_a_smooth_drift_nothing_says_how_far() -> None:
     found = match(walls[np.abs(walls[:, 0]) < 4.0] + (0.0, 0.3), (0.0, 0.3), walls, REACH_M, REACH_RAD)
     assert found.y_m == pytest.approx(-0.3, abs=FINE_M)
     assert found.x_m == pytest.approx(0.0, abs=FINE_M)
+
+
+def test_posts_that_stand_in_a_row_tell_no_place() -> None:
+    """Protects the landing: a place beside agrees less, but the next post is as good, and nobody knows which it is."""
+    x = np.arange(-9.0, 9.0, 0.05)
+    walls = np.concatenate([np.stack([x, np.full_like(x, y)], axis=1) for y in (-1.5, 1.5)])
+    posts = np.array([(at, y) for at in np.arange(-8.4, 8.5, 1.2) for y in np.arange(-1.5, -1.0, 0.02)])
+    known = np.concatenate([walls, np.repeat(posts, 4, axis=0)])
+    found = match(known[np.abs(known[:, 0]) < 3.5], (0.0, 0.0), known, 2.0, REACH_RAD)
+    assert (found.x_m, found.y_m, found.share) == pytest.approx((0.0, 0.0, 1.0), abs=FINE_M)
+    assert found.better_by < 0.05
+    alone = np.concatenate([walls, np.repeat(posts[np.abs(posts[:, 0]) < 0.1], 20, axis=0)])
+    assert match(alone[np.abs(alone[:, 0]) < 3.5], (0.0, 0.0), alone, 2.0, REACH_RAD).better_by > 0.1
