@@ -23,7 +23,8 @@ from companion.link.words import Answer, Command, Telemetry
 from sitl.launch.processes import free_tcp_port, free_udp_ports
 from tests.link.exchange import MAP, Mine
 
-WAIT_S = 30.0
+WAIT_S = 50.0
+"""What takes a second takes half a minute on a computer that flies a vehicle beside and over a network that loses."""
 
 
 def until(holds: Callable[[], object], timeout_s: float = WAIT_S) -> None:
