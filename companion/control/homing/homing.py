@@ -105,7 +105,7 @@ class Homing:
         self._pace = Pace(parameters)
         self._least_m, self._least_s = math.inf, -math.inf
         self._open_s, self._tries = -math.inf, 0
-        self._makes_sure, self._has_made_sure = False, False
+        self._has_made_sure = False
         self._there_s: float | None = None
         self._near_s = -math.inf
         self._next_look_s = -math.inf
@@ -211,7 +211,7 @@ class Homing:
 
     @property
     def unsure_m(self) -> float:
-        """How far `off_home_m` may be wrong by the drift of the position."""
+        """On the way home, how far `off_home_m` may be wrong by the drift of the position."""
         return self._alignment.unsure_m
 
     def has_arrived(self, pose: Pose, t_s: float) -> bool:
@@ -234,20 +234,19 @@ class Homing:
         homeward, began_at = self.homeward, self.began_at
         if homeward is None or began_at is None or self.lands_elsewhere:
             return
-        is_there = self.to_go_m(pose) < ARRIVED_M
+        is_there, is_unsure = self.to_go_m(pose) < ARRIVED_M, self.unsure_m > UNSURE_M
         if self._makes_sure:
-            if is_there or self.unsure_m <= UNSURE_M:
-                self._come_back(began_at, homeward, t_s)
-        elif is_there and not self._has_made_sure and self.unsure_m > UNSURE_M:
-            place = self._keyframes.place_after(TELLS_M)
+            # Where something stands in its way now, it was worth a try, and no more.
+            if is_there or not is_unsure or t_s - self._least_s > PATIENCE_S:
+                self._lead_to(began_at, homeward, t_s)
+        elif is_there and is_unsure and not self._has_made_sure:
             self._has_made_sure = True
-            if place is not None:
-                self._makes_sure = True
-                self._lead_to(place, homeward, t_s)
+            self._lead_to(self._keyframes.place_after(TELLS_M) or began_at, homeward, t_s)
 
-    def _come_back(self, began_at: Place, homeward: Homeward, t_s: float) -> None:
-        self._makes_sure = False
-        self._lead_to(began_at, homeward, t_s)
+    @property
+    def _makes_sure(self) -> bool:
+        """Whether it is on its way to see walls that tell where home is."""
+        return self.home != self.began_at and not self.lands_elsewhere
 
     def _lead_to(self, place: Place, homeward: Homeward, t_s: float) -> None:
         self.home = place
@@ -262,15 +261,12 @@ class Homing:
         self._next_look_s = t_s + LOOK_PERIOD_S
         here = homeward.place(pose)
         cost_m = homeward.cost_m(here, t_s)
-        self._look_whether_it_is_closed(homeward, here, pose, t_s, cost_m is not None)
+        # While it makes sure it comes from home: that is not closed.
+        self._look_whether_it_is_closed(homeward, here, pose, t_s, cost_m is not None or self._makes_sure)
         left_m = self.to_go_m(pose) if cost_m is None else cost_m
         if left_m < self._least_m - NEARER_M:
             self._least_m, self._least_s = left_m, t_s
-        if left_m > NEAR_M or self._there_s is not None or t_s - self._least_s <= PATIENCE_S:
-            return
-        if self._makes_sure and self.began_at is not None:
-            # It was worth a try, and no more.
-            self._come_back(self.began_at, homeward, t_s)
+        if left_m > NEAR_M or self._there_s is not None or self._makes_sure or t_s - self._least_s <= PATIENCE_S:
             return
         fit = [place for place in self._fit(self._keyframes.near(here, NEAR_M)) if place != self.home]
         nearest = min(fit, key=lambda one: _straight_m(one, pose), default=here)

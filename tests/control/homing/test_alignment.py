@@ -138,12 +138,13 @@ def test_it_comes_back_as_soon_as_walls_have_told_it() -> None:
     assert homing.home == began_at
 
 
-def test_where_the_way_out_is_blocked_now_it_is_not_made_sure_of_for_long() -> None:
+@pytest.mark.parametrize("as_far_as_m", [5.0, 1.0, 0.0])
+def test_where_the_way_out_is_blocked_now_it_is_not_made_sure_of_for_long(as_far_as_m: float) -> None:
     """Protects the landing at home: what stands before the place where it looks for walls makes it no other home."""
     homing, t_s = flown_out()
     began_at = homing.began_at
     assert began_at is not None
-    home = Pose(t_s + 1.0, began_at.x_m + 5.0, began_at.y_m, 1.5, 0.0)
+    home = Pose(t_s + 1.0, began_at.x_m + as_far_as_m, began_at.y_m, 1.5, 0.0)
     assert not arrives(homing, replace(home, x_m=began_at.x_m))
     for second in range(2, 40):
         arrives(homing, replace(home, t_s=t_s + second))
