@@ -32,14 +32,6 @@ YES = encoded(Answer(accepted=True))
 
 
 @pytest.fixture
-def mine(tmp_path: Path) -> Mine:
-    made = Mine(tmp_path / "vehicle")
-    for _ in range(10):
-        made.grow()
-    return made
-
-
-@pytest.fixture
 def authority(tmp_path: Path) -> Authority:
     made = Authority.make(tmp_path / "authority")
     for name in ("drone1", "drone2"):

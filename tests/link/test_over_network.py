@@ -29,14 +29,6 @@ CUT_S = 5.0
 """Longer than a connection takes to be made anew."""
 
 
-@pytest.fixture
-def mine(tmp_path: Path) -> Mine:
-    made = Mine(tmp_path / "vehicle")
-    for _ in range(10):
-        made.grow()
-    return made
-
-
 def test_telemetry_map_way_and_commands_go_over(tmp_path: Path, mine: Mine) -> None:
     with rigged(mine) as vehicle, station(tmp_path / "ground", vehicle.endpoint) as ground:
         seen = known(ground)
